@@ -209,7 +209,11 @@ class _OfChain:
         chain = twin.sensors.get(channel, SensorChain())
         if not isinstance(chain, SensorChain):
             raise ValueError(f"{channel} is not an analog channel")
-        number = {"gain": chain.gain * number, "skew": chain.skew + number}.get(self.field, number)
+        number = {
+            "gain": chain.gain * number,
+            "factor": chain.factor * number,
+            "skew": chain.skew + number,
+        }.get(self.field, number)
         return replace(
             twin,
             sensors={**twin.sensors, channel: replace(chain, **{self.field: number})},  # type: ignore[arg-type]
@@ -229,6 +233,12 @@ def sensor_gain(channels: tuple[str, ...]) -> Effect:
     return _on_a_channel("sensor_gain", "sensor", parameter, "gain", channels)
 
 
+def sensor_factor(channels: tuple[str, ...]) -> Effect:
+    """A sensitivity that is off by ten, or a sensor or cable the wrong way round."""
+    parameter = Parameter("factor", "", ((-1.05, -0.95), (0.095, 0.105), (9.5, 10.5)))
+    return _on_a_channel("sensor_factor", "sensor", parameter, "factor", channels)
+
+
 def sensor_droop(channels: tuple[str, ...]) -> Effect:
     """A first-order high-pass: the time constant of a charge amplifier."""
     parameter = Parameter("corner_hz", "Hz", ((0.3, 10.0),))
@@ -245,3 +255,24 @@ def time_skew(channels: tuple[str, ...]) -> Effect:
     """The channel shows x(t - seconds)."""
     parameter = Parameter("seconds", "s", ((-2e-3, -5e-5), (5e-5, 2e-3)))
     return _on_a_channel("time_skew", "clock", parameter, "skew", channels)
+
+
+@dataclass(frozen=True, slots=True)
+class _AnalogLate:
+    """Every analog channel is late against the encoder."""
+
+    def __call__(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+        late = float(values["seconds"])
+        chains = {name: twin.sensors.get(name, SensorChain()) for name in twin.channels}
+        analog = {
+            name: replace(each, skew=each.skew + late)
+            for name, each in chains.items()
+            if isinstance(each, SensorChain)
+        }
+        return replace(twin, sensors={**twin.sensors, **analog})  # type: ignore[type-var]
+
+
+def analog_delay() -> Effect:
+    """All analog channels show x(t - seconds): the delay of a card, or an encoder that is early."""
+    parameter = Parameter("seconds", "s", ((-2e-3, -5e-5), (5e-5, 2e-3)))
+    return Effect("analog_delay", "clock", (parameter,), _AnalogLate(), sensing=True)

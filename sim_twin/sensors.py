@@ -5,7 +5,7 @@ scipy.signal (half a second of processor time, for it loads most of scipy) only 
 
 Analog: true signal -> (second-order Butterworth) -> (declared stages) -> linear-phase anti-alias low-pass
 with no net delay, decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation -> (the
-input's limit). Skew and anti-alias are one filter.
+input's limit) -> (a wrong factor). Skew and anti-alias are one filter.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class SensorChain:
     """One channel: `noise` rms and `full_scale` in the channel's unit, `skew` in s (shows x(t - skew)).
 
     `droop_corner` and `bandwidth_corner` in Hz, None where the sensor has none. `stages` and `limit`, the
-    largest magnitude that the input takes, are what a bench declares.
+    largest magnitude that the input takes, are what a bench declares. `factor` is what a wrong sensitivity
+    or sign makes of the samples once they are numbers.
     """
 
     noise: Annotated[float, Bound("", 0.0)] = 0.0
@@ -45,6 +46,7 @@ class SensorChain:
     bandwidth_corner: Annotated[float | None, Bound("Hz", 0.0, above=True)] = None
     stages: Stages | None = None
     limit: float = inf
+    factor: Annotated[float, Bound("", -1e9, 1e9)] = 1.0
 
     def __post_init__(self) -> None:
         require_bounds("SensorChain", self)
@@ -147,7 +149,7 @@ class SensorStream:
             step = self._chain.full_scale / 2**23
             samples = np.round(noisy / step) * step
         limit = self._chain.limit
-        return np.asarray(samples if limit == inf else np.clip(samples, -limit, limit))
+        return np.asarray(samples if limit == inf else np.clip(samples, -limit, limit)) * self._chain.factor
 
 
 class EncoderStream:

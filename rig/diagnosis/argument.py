@@ -16,7 +16,7 @@ from sim_twin.diagnosis.fingerprint import Cell
 from sim_twin.diagnosis.typical_cycle import TypicalCycle
 
 _DECIBELS = 10 / log(10)
-_POINTS = 400
+_POINTS = 600
 _DIGITS = 5
 _BELIEVED = 0.01
 
@@ -29,7 +29,7 @@ def in_unit(cell: Cell, unit: str, number: float, nominal: float) -> tuple[float
     if not unit:
         return number, ""
     if cell.what == "energy":
-        return _DECIBELS * (number - nominal), "dB"
+        return round(_DECIBELS * (number - nominal), _DIGITS), "dB"
     if cell.what in ("rms", "peak"):
         return exp(number / 2 if cell.what == "rms" else number), unit
     if cell.what == "share of time":
@@ -111,7 +111,7 @@ def argument_lines(content: Mapping[str, Any]) -> list[str]:
     for each in content["effects"]:
         if each["name"] in content["selected"]:
             sizes = [
-                f"{name} {estimate(one['value'])} ({span(*one['ci95'], '')})"
+                f"{name} {estimate(one['value'])} ({_span(one)})"
                 for name, one in each["parameters"].items()
                 if "ci95" in one
             ]
@@ -124,10 +124,10 @@ def argument_lines(content: Mapping[str, Any]) -> list[str]:
         first = run["believed"][0]
         whose = " and ".join(first["effects"]) or "nothing missing"
         said = [f"{whose} {probability(first['share'])}"]
-        said += [
-            f"{one['parameter']} {estimate(one['value'])} ({span(*one['ci95'], '')})"
-            for one in run["parameters"]
-        ]
+        if content["verdict"] != "none":
+            said += [
+                f"{one['parameter']} {estimate(one['value'])} ({_span(one)})" for one in run["parameters"]
+            ]
         told.append(f"run {run['run'] + 1} alone {'; '.join(said)}")
     for one in content["contrasts"][:1]:
         measured, ours, other = (
@@ -136,3 +136,8 @@ def argument_lines(content: Mapping[str, Any]) -> list[str]:
         rival, figure = " and ".join(content["runner_up"]), f"{one['channel']}, {one['what']}"
         told.append(f"why not    {rival}: {figure} is {measured}; the answer predicts {ours}, that {other}")
     return told
+
+
+def _span(one: Mapping[str, Any]) -> str:
+    low, high = one["ci95"]
+    return span(low, high, "")

@@ -211,7 +211,8 @@ def through_chains(
             turned, length = _periodic(row)
             turned *= _response(sensor, len(turned), rate / length)
             noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
-        shown.append(noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit))
+        limited = noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit)
+        shown.append(limited if sensor.factor == 1 else np.float32(sensor.factor) * limited)
     return shown
 
 

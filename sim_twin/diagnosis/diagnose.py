@@ -30,6 +30,7 @@ from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
+from sim_twin.diagnosis.where import alone_off, where_unknown
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
@@ -106,6 +107,8 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
     runner_up = _runner_up(candidates, repaired, selected)
     rival = () if runner_up is None else contrasts(measure, judged_on, twins, repaired[runner_up])
     judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)
+    off = alone_off((measure, measure.of_repaired(like)), measured)
+    unexplained_at = where_unknown(measure, off, subject.causes, library)
     return Findings(
         layout=subject.layout,
         none=belief.none,
@@ -115,7 +118,8 @@ def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execut
         selected=selected,
         effects=named(chosen.hypothesis, chosen.best()) if chosen else (),
         gap=gap,
-        by_location=_by_location(subject, ranked, attribution),
+        by_location=_by_location(subject, ranked, attribution, belief.unknown, unexplained_at),
+        alone_off=off,
         separability=distances,
         measured=np.mean(measured, axis=0, dtype=np.float64),
         nominal=measure.twin,
@@ -214,11 +218,20 @@ def _judged(
     return sorted(found.values(), key=lambda each: -each.probability)
 
 
-def _by_location(subject: Subject, ranked: Sequence[Ranked], attribution: Attribution) -> dict[str, float]:
-    """Shares of the locations in what the believed hypotheses explain."""
+def _by_location(
+    subject: Subject,
+    ranked: Sequence[Ranked],
+    attribution: Attribution,
+    unknown: float,
+    unexplained_at: Mapping[str, float],
+) -> dict[str, float]:
+    """Shares of the locations in what is believed to explain it, and in what is `unknown` beside that."""
     shares = {cause.location: 0.0 for cause in subject.causes}
     for each in ranked:
         for cause, share in contributions(attribution, each.hypothesis, each.best()).items():
             shares[cause.location] += each.probability * share
     total = sum(shares.values()) or 1.0
-    return {location: share / total for location, share in sorted(shares.items(), key=lambda one: -one[1])}
+    shares = {location: (1 - unknown) * share / total for location, share in shares.items()}
+    for location, share in unexplained_at.items():
+        shares[location] = shares.get(location, 0.0) + unknown * share
+    return dict(sorted(shares.items(), key=lambda one: -one[1]))

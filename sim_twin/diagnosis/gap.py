@@ -51,6 +51,14 @@ class GapMeasure:
         kept = np.array([chosen(cell) for cell in self.layout.cells])
         return float(np.sqrt(np.mean(cells[kept] ** 2))) / self.unit if kept.any() else 0.0
 
+    def of_channels(self, each: NDArray[np.floating]) -> dict[str, Array]:
+        """Gap of each channel by itself, of each of some fingerprints (n, numbers), (n,)."""
+        apart = _by_cell(np.abs(np.asarray(each, dtype=np.float64) - self.twin), self.layout) / self.floor
+        squares = np.minimum(apart, FARTHEST) ** 2
+        owners = np.array([cell.channel if cell.partner is None else "" for cell in self.layout.cells])
+        names = [name for name in dict.fromkeys(owners.tolist()) if name]
+        return {name: np.sqrt(squares[:, owners == name].mean(axis=1)) / self.unit for name in names}
+
     def course(self, blocks: NDArray[np.floating]) -> list[list[float]]:
         """Gap of each run's cells in each of its blocks (n, numbers), (runs, n)."""
         runs = sorted({cell.run for cell in self.layout.cells})

@@ -43,6 +43,7 @@ CHANGES: Mapping[str, tuple[ParameterValues, dict[str, object]]] = {
     ),
     "drive_distortion": ({"second": 0.1, "third": 0.0}, {"drive.second": 0.1}),
     "sensor_gain": ({"channel": _UPPER, "gain": 0.8}, {"sensors": {_UPPER: SensorChain(gain=0.8)}}),
+    "sensor_factor": ({"channel": _UPPER, "factor": -1.0}, {"sensors": {_UPPER: SensorChain(factor=-1.0)}}),
     "sensor_droop": (
         {"channel": _UPPER, "corner_hz": 5.0}, {"sensors": {_UPPER: SensorChain(droop_corner=5.0)}},
     ),
@@ -96,6 +97,8 @@ def test_gain_and_skew_of_a_channel() -> None:
     healthy = samples(TWIN)
     gained = samples(apply_effects(TWIN, [("sensor_gain", {"channel": "yoke.force", "gain": 1.5})]))
     assert gained[3] == pytest.approx(1.5 * healthy[3], abs=1e-12)
+    turned = samples(apply_effects(TWIN, [("sensor_factor", {"channel": "yoke.force", "factor": -1.0})]))
+    assert np.array_equal(turned[3], -healthy[3])
     whole = {"channel": "contact.force_upper", "seconds": 10 / SAMPLE_RATE}
     skewed = samples(apply_effects(TWIN, [("time_skew", whole)]))
     assert skewed[1][10:] == pytest.approx(healthy[1][:-10], abs=1e-9 * healthy[1].max())

@@ -19,7 +19,11 @@ _CYCLE = (
     "One cycle of each, the one nearest to the middle of all its cycles. The motion does not repeat: compare "
     "when it strikes, how hard and how often, not the ripples between."
 )
-_APART = "Apart: in what healthy rigs differ by. Levels in dB are against the nominal twin's"
+_DIFFER = "Figures in which both differ most"
+_APART = (
+    "Apart: how far both predictions are from each other, in what healthy rigs differ by. Levels in dB are "
+    "against the nominal twin's."
+)
 _SAME = 1.0
 _COURSE = (
     "Gap of each part of a run in its order, before and after. A rig that is the same all along has much the "
@@ -64,15 +68,15 @@ def why_not(case: Case) -> list[Part]:
         right += nearer
         row = [cell_words(case.cells[contrast.cell]), *([case.run_name(each["run"])] if several else [])]
         row += [estimate(each[whose], _unit(each)) for whose in ("measured", "selected", "runner_up")]
-        table.append([*row, f"{contrast.apart:.1f}", ours if nearer else rival])
+        table.append([*row, f"{contrast.apart:.1f}", "the answer" if nearer else "next best"])
     text = f"Next best is a twin {rival}. "
     if found.contrasts[0].apart < _SAME:
         text += "Nowhere do both differ by more than healthy rigs do: these runs cannot tell them apart."
     else:
         text += f"Where both differ most, {right} of {counted(len(rows), 'figure')} speak for "
         text += f"the twin {ours}." if case.repaired else "the nominal twin."
-    headings = ["figure", *(["run"] if several else []), "measured", ours, rival, "apart", "nearer"]
-    return [Sentence(text), Table(headings, table, _APART)]
+    headings = ["figure", *(["run"] if several else []), "measured", ours, rival, "apart", "speaks for"]
+    return [Sentence(text), Table(headings, table, _DIFFER), Sentence(_APART)]
 
 
 def _unit(row: Mapping[str, Any]) -> str:
@@ -92,10 +96,11 @@ def _alone(case: Case) -> list[Part]:
     rows = case.diagnosis.get("runs_alone", [])
     if not rows:
         return []
-    sizes = [[_size(one) for one in each["parameters"]] for each in rows]
+    best = case.findings.alone[0].best if case.findings.verdict != "none" else ()
+    sizes = [[_size(one) for one in each["parameters"]] for each in rows] if best else [[] for _ in rows]
     parameters = [
         f"{plain(cause.name)}, {parameter_words(parameter)}"
-        for cause in case.findings.alone[0].best
+        for cause in best
         for parameter in cause.parameters
     ]
     table = []
@@ -133,12 +138,12 @@ def _course(case: Case) -> list[Part]:
     count = max((len(each["before"]) for each in course), default=0)
     if count < 2:
         return []
-    rows = [
-        [case.run_name(each["run"]), state, *(floors(gap) for gap in each[state])]
-        for each in course
-        for state in ("before", "after")
-        if each[state]
-    ]
+    rows = []
+    for each in course:
+        gaps = [floors(gap) for gap in each["before"]]
+        if each["after"]:
+            gaps = [f"{gap} → {floors(after)}" for gap, after in zip(gaps, each["after"], strict=True)]
+        rows.append([case.run_name(each["run"]), *gaps])
     changed = [
         case.run_name(each["run"])
         for each in course
@@ -149,5 +154,5 @@ def _course(case: Case) -> list[Part]:
     parts = [f"{low} to {high} %" for low, high in pairwise(edges)]
     return [
         Sentence(_COURSE + text, warning=bool(changed)),
-        Table(["run", "", *parts], rows, "Gap over time"),
+        Table(["run", *parts], rows, "Gap over time"),
     ]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.pages.words import DASH, span
+from rig.diagnosis.argument import in_unit
+from rig.pages.words import DASH, estimate, span
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.fingerprint import Cell
@@ -69,6 +70,8 @@ def plausible(parameter: Parameter) -> str:
 def identified(parameter: Parameter, found: Estimate) -> bool:
     """Whether the runs narrow down what a parameter may be at all."""
     for low, high in parameter.intervals:
+        if high - low < _NARROW * abs(high + low) / 2:  # to lie in it says it all
+            continue
         inside, outside = (max(found.low, low), min(found.high, high)), (low, high)
         shares = [np.ptp(inside) / np.ptp(outside)] if inside[1] > inside[0] else []
         if shares and low > 0:  # a scale over decades
@@ -92,6 +95,7 @@ Array = NDArray[np.float64]
 Span = tuple[float, float]
 _OPEN = 0.6
 """Share of its plausible range, plain or by its logarithm, beyond which an interval says nothing."""
+_NARROW = 0.2
 _REACHED = 1 - 1e-6
 _DRAWN = 3
 _ALIKE = 0.7
@@ -171,6 +175,14 @@ class Case:
         gap = self.findings.gap
         floors_off = (gap.cells_after if after else gap.cells_before)[cell]
         return ("≥ " if floors_off > _REACHED * FARTHEST else "") + floors(self.cell_gaps(after)[cell])
+
+    def cell_words_of(self, cell: int, numbers: Array) -> str:
+        """What a fingerprint (numbers,) says of a cell, in the unit that people read it in."""
+        starts, found = self.findings.layout.starts, self.cells[cell]
+        at = slice(starts[cell], starts[cell + 1])
+        mean, nominal = float(numbers[at].mean()), float(self.findings.nominal[at].mean())
+        value, unit = in_unit(found, self.unit(found.run, found.channel), mean, nominal)
+        return estimate(value, unit_words(unit) if unit else "")
 
     def gap_of(self, chosen: Callable[[Cell], bool], after: bool = False) -> float:
         """Gap of the chosen cells; NaN where there are none."""

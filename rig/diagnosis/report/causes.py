@@ -30,12 +30,13 @@ _MATRIX = (
 def ranking(case: Case) -> list[Part]:
     """Bars, "nothing" and "unknown" among them."""
     found = case.findings
-    bars = []
+    bars: list[Bar] = []
+    order: dict[Bar, float] = {}
     rejected = [each for each in case.judged if each.present < _REJECTED and each.after is None]
     if len(rejected) > _FEW:
         names = listed([plain(each.cause.name) for each in rejected])
         share, most = sum(each.probability for each in rejected), max(each.present for each in rejected)
-        more = (names, f"each {probability(most)}", "", "", "")
+        more = (names, _unbroken(probability(most)), "", "", "")
         bars.append(Bar(f"{len(rejected)} others", share, probability(share), more))
     else:
         rejected = []
@@ -46,14 +47,20 @@ def ranking(case: Case) -> list[Part]:
         where = f"{cause.location}, {cause.channel}" if cause.channel else cause.location
         shrink = DASH if each.shrink is None else "grows" if each.shrink < 0 else f"{100 * each.shrink:.0f} %"
         alike = ", ".join(plain(name) for name in each.indistinguishable_from)
-        more = (where, probability(each.present), floors(each.after), shrink, alike)
+        more = (where, _unbroken(probability(each.present)), floors(each.after), shrink, alike)
         bars.append(Bar(plain(cause.name), each.probability, probability(each.probability), more))
+        order[bars[-1]] = max(each.probability, each.present)
     for label, share, gap in (
         ("nothing missing", found.none, floors(found.gap.before)),
         ("unknown to the catalogue", found.unknown, ""),
     ):
         bars.append(Bar(label, share, probability(share), ("", "", gap, "", ""), apart=True))
-    return [BarTable(_RANKING, sorted(bars, key=lambda bar: -bar.share)), Sentence(_HOW)]
+    bars.sort(key=lambda bar: -order.get(bar, bar.share))
+    return [BarTable(_RANKING, bars), Sentence(_HOW)]
+
+
+def _unbroken(text: str) -> str:
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def parameters(case: Case) -> list[Part]:

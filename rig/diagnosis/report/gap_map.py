@@ -12,6 +12,7 @@ from rig.pages.content import Bar, BarTable, Figure, Part, Sentence, Table
 from rig.pages.plots import Plots
 from rig.pages.words import probability
 from sim_twin.diagnosis.fingerprint import Cell
+from sim_twin.diagnosis.where import NOT_KNOWN
 
 _ROW_PX, _FEWEST_PX = 26, 110
 _LARGEST = 10
@@ -50,11 +51,13 @@ def parts(case: Case) -> list[Part]:
         [
             cell_words(case.cells[k]),
             *([case.run_name(case.cells[k].run)] if several else []),
+            case.cell_words_of(k, case.findings.measured),
+            case.cell_words_of(k, case.findings.nominal),
             *(case.cell_gap_words(k, state == "after") for state in states),
         ]
         for k in list(kinds.values())[:_LARGEST]
     ]
-    headings = ["cell", *(["run"] if several else []), *states]
+    headings = ["cell", *(["run"] if several else []), "measured", "nominal twin", *states]
     return [
         Sentence(_HOW),
         *(_map(case, run, states) for run in case.run_numbers),
@@ -68,10 +71,18 @@ def _places(case: Case) -> list[Part]:
     shares = sorted(case.findings.by_location.items(), key=lambda each: -each[1])
     if not shares or case.findings.verdict == "none":
         return [Sentence("No place has a share: nothing is believed to be missing.")]
-    rows = [Bar(location, share, probability(share)) for location, share in shares if share >= _WORTH_TELLING]
+    rows = [
+        Bar(location, share, probability(share), apart=location == NOT_KNOWN)
+        for location, share in shares
+        if share >= _WORTH_TELLING
+    ]
     rest = 1 - sum(row.share for row in rows)
     rows += [Bar("elsewhere", rest, probability(rest), apart=True)] if len(rows) < len(shares) else []
-    return [BarTable(("location", "share"), rows, "Share of the gap that effects at a place explain")]
+    table = BarTable(("location", "share"), rows, "Share of the gap that effects at a place explain")
+    off = case.findings.alone_off
+    if not off or case.findings.verdict != "unknown":
+        return [table]
+    return [Sentence(f"{off} alone does not fit: look at its sensor, its cable, and what it sits on."), table]
 
 
 def _map(case: Case, run: int, states: Mapping[str, Array]) -> Figure:

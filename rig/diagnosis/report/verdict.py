@@ -70,7 +70,9 @@ def _effect(case: Case) -> tuple[str, str]:
         return f"The gap {comes} from {_single(case, selected[0])}.", _shrinks(case, 1)
     causes = listed([what_and_where(each.cause) for each in selected])
     larger = f"{plain(selected[0].cause.name)} is the larger (probability {probability(likely)})"
-    return f"The gap {comes} from {causes} together; {larger}.", _shrinks(case, len(selected))
+    present = listed([probability(each.present) for each in selected])
+    text = f"The gap {comes} from {causes} together, in the rig with a probability of {present}; {larger}."
+    return text, _shrinks(case, len(selected))
 
 
 def _single(case: Case, one: Judged) -> str:

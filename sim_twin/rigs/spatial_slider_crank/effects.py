@@ -6,11 +6,13 @@ from dataclasses import replace
 
 from sim_twin.effects import (
     Parameter,
+    analog_delay,
     base_flexibility,
     catalogue_of,
     scaled,
     sensor_bandwidth,
     sensor_droop,
+    sensor_factor,
     sensor_gain,
     set_to,
     time_skew,
@@ -40,8 +42,10 @@ EFFECTS = catalogue_of(
         ),
         speed_fluctuation(),
         sensor_gain(FORCES),
+        sensor_factor(FORCES),
         sensor_droop(FORCES),
         sensor_bandwidth(FORCES),
         time_skew((*FORCES, MARKER)),
+        analog_delay(),
     ),
 )

@@ -17,7 +17,7 @@ from rig.diagnosis.diagnose_runs import SECTIONS, write_report
 from rig.diagnosis.report import verdict as verdicts
 from rig.diagnosis.report.before_and_after import latent_force
 from rig.diagnosis.report.before_and_after import parts as before_and_after
-from rig.diagnosis.report.case import Case, RunFacts
+from rig.diagnosis.report.case import Case, RunFacts, identified
 from rig.diagnosis.report.causes import parameters, ranking
 from rig.diagnosis.report.gap_map import parts as gap_map
 from rig.pages.content import BarTable, Figure, Sentence, Table
@@ -151,6 +151,7 @@ def test_an_interval_without_width_is_not_told() -> None:
 def test_a_pair_names_both_and_the_larger() -> None:
     what, far = verdicts.sentences(reported(findings(0.01, 0.96, 0.03, selected=(GAP, BASE))))
     assert "base flexibility at the base and clearance at the contact joint together" in what
+    assert "together, in the rig with a probability of 69 % and 21 %;" in what
     assert "base flexibility is the larger (probability 67 %)" in what
     assert far.startswith("With both in the twin")
 
@@ -208,6 +209,15 @@ def test_probabilities_in_the_ranking_add_up_and_are_those_of_the_findings() -> 
     assert [row.share for row in table.rows] == sorted(shares.values(), reverse=True)
 
 
+def test_a_partner_that_is_hardly_the_largest_stands_beside_the_other() -> None:
+    found = findings(0.01, 0.96, 0.03)
+    weak = replace(found.judged[2], probability=0.0, present=0.9)
+    table = ranking(reported(replace(found, judged=(*found.judged[:2], weak))))[0]
+    assert isinstance(table, BarTable)
+    assert [row.label for row in table.rows][:2] == ["time skew", "base flexibility"]
+    assert table.rows[0].more[1] == "90\N{NO-BREAK SPACE}%"
+
+
 def test_effects_that_are_rejected_without_a_twin_of_their_own_share_a_row() -> None:
     found = findings(0.01, 0.96, 0.03)
     names = ("weak", "faint", "slight")
@@ -223,7 +233,7 @@ def test_effects_that_are_rejected_without_a_twin_of_their_own_share_a_row() -> 
     case = reported(replace(found, judged=(*found.judged, *others)))
     table = next(part for part in ranking(case) if isinstance(part, BarTable))
     (row,) = (row for row in table.rows if row.label == "3 others")
-    assert row.more[:2] == ("weak, faint and slight", "each < 1 %")
+    assert row.more[:2] == ("weak, faint and slight", "<\N{NO-BREAK SPACE}1\N{NO-BREAK SPACE}%")
     assert row.share == pytest.approx(0.003)
     assert not {row.label for row in table.rows} & {*names}
 
@@ -241,6 +251,12 @@ def test_a_parameter_whose_interval_is_as_wide_as_its_range_is_not_called_found(
     assert narrow.rows[0][4] == "419 to 444 Hz"
 
 
+def test_a_sensor_the_wrong_way_round_is_found_whatever_is_left_of_its_narrow_range() -> None:
+    factor = Parameter("factor", "", ((-1.05, -0.95), (9.5, 10.5)))
+    assert identified(factor, Estimate(-1.0, -1.04, -0.96))
+    assert not identified(Parameter("scale", "", ((0.5, 0.9), (1.1, 2.0))), Estimate(1.5, 1.1, 2.0))
+
+
 def test_the_largest_gaps_are_of_as_many_quantities_and_say_where_the_measure_ends() -> None:
     found = findings(0.01, 0.96, 0.03)
     cells = np.where(found.gap.cells_before > 10.0, FARTHEST, found.gap.cells_before)
@@ -248,8 +264,9 @@ def test_the_largest_gaps_are_of_as_many_quantities_and_say_where_the_measure_en
     table = [part for part in gap_map(case) if isinstance(part, Table)][-1]
     kinds = {(str(cell).partition(",")[0], run) for cell, run, *_ in table.rows}
     assert len(kinds) == len(table.rows)
-    assert table.rows[0][2] == f"≥ {FARTHEST / UNIT_BEFORE:.2f}"
-    assert not str(table.rows[-1][2]).startswith("≥")
+    assert list(table.headings) == ["cell", "run", "measured", "nominal twin", "before", "after"]
+    assert table.rows[0][4] == f"≥ {FARTHEST / UNIT_BEFORE:.2f}"
+    assert not str(table.rows[-1][4]).startswith("≥")
 
 
 def test_the_runner_up_is_drawn_where_it_fails() -> None:
@@ -279,6 +296,17 @@ def test_channels_gaps_are_root_mean_squares_of_their_cells() -> None:
     shown = {row[0]: float(row[1]) for row in table.rows}
     # Two decimals are shown.
     assert shown[UPPER] == pytest.approx(np.sqrt(np.mean(cells**2)) / UNIT_BEFORE, abs=0.005)
+
+
+def test_the_page_says_which_channel_alone_is_off_and_where_nothing_is_known() -> None:
+    found = replace(outside_the_catalogue(), by_location={"sensor": 0.2, "not known": 0.8})
+    bars = next(part for part in gap_map(reported(found)) if isinstance(part, BarTable))
+    assert [(row.label, row.apart) for row in bars.rows] == [("not known", True), ("sensor", False)]
+    said = [
+        part.text for part in gap_map(reported(replace(found, alone_off=LOWER))) if isinstance(part, Sentence)
+    ]
+    assert f"{LOWER} alone does not fit: look at its sensor, its cable, and what it sits on." in said
+    assert not any(LOWER in part.text for part in gap_map(reported(found)) if isinstance(part, Sentence))
 
 
 def test_what_is_left_is_in_units_of_a_healthy_rigs_gap_to_the_repaired_twin() -> None:

@@ -14,6 +14,7 @@ from sim_twin.diagnosis.findings import Findings
 from sim_twin.diagnosis.library import FEWEST, Library
 from sim_twin.diagnosis.search import Ranked, Search, quantile
 from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed
+from sim_twin.diagnosis.where import NOT_KNOWN
 from tests.sim_twin.diagnosis.toy import BLOCKS, CAUSES, GAIN, LEFT, Blocks, Toy, recording
 
 EFFORT = Effort(220, 24)
@@ -143,7 +144,9 @@ def test_probabilities_add_up_and_every_effect_is_judged_once(
     shares = [each.probability for each in findings.judged]
     assert shares == sorted(shares, reverse=True)
     assert all(each.probability <= each.present + 1e-12 <= 1 for each in findings.judged)
-    assert set(findings.by_location) == {cause.location for cause in CAUSES}
+    assert set(findings.by_location) == {NOT_KNOWN, *(cause.location for cause in CAUSES)}
+    # of what nobody knows, nobody knows the place
+    assert findings.by_location[NOT_KNOWN] == pytest.approx(findings.unknown)
     assert sum(findings.by_location.values()) == pytest.approx(1.0)
     assert findings.measured.shape == findings.nominal.shape == (TOY.layout.size,)
 

@@ -19,6 +19,7 @@ from sim_twin.rigs.planar_slider_crank.model import (
 )
 from sim_twin.rigs.planar_slider_crank.motion import CrankTwin, frame_acceleration, numbers
 from sim_twin.rigs.planar_slider_crank.rig import MODEL
+from sim_twin.sensors import SensorChain
 from tests.sim_twin.planar_slider_crank.cranks import DRIVE, RIG, run, twin
 
 # Nothing touches for a long while: what a body does alone can be seen.
@@ -34,7 +35,7 @@ def test_the_catalogue_is_the_table() -> None:
     assert set(MODEL.effects) == {
         "joint1_clearance", "joint2_clearance", "contact_stiffness", "restitution", "joint_friction",
         "guide_friction", "rod_flexibility", "speed_fluctuation", "piston_mass", "frame_resonance",
-        "sensor_gain", "sensor_bandwidth", "time_skew",
+        "sensor_gain", "sensor_factor", "sensor_bandwidth", "time_skew", "analog_delay",
     }  # fmt: skip
     locations = {effect.location for effect in MODEL.effects.values()}
     assert locations == {
@@ -75,6 +76,15 @@ def test_numbers_reach_the_kernel() -> None:
     rough = p("joint_friction", coefficient=0.2)
     assert [rough.joint_1.friction.coefficient, rough.joint_2.friction.coefficient] == [0.2, 0.2]
     assert p("piston_mass", scale=1.5).piston_mass == pytest.approx(1.5 * 2.0205)
+
+
+def test_all_analog_channels_are_late_against_the_encoder() -> None:
+    healthy = replace(twin(), sensors=MODEL.nominal_sensors(RIG, DRIVE))
+    late = MODEL.with_effects(healthy, [("analog_delay", {"seconds": 3e-4})])
+    assert late.sensors["crank.angle"] == healthy.sensors["crank.angle"]
+    analog = {name: each for name, each in late.sensors.items() if isinstance(each, SensorChain)}
+    assert len(analog) > 2
+    assert all(each.skew == pytest.approx(3e-4) for each in analog.values())
 
 
 def test_guide_friction_brakes_the_piston_by_its_weight() -> None:

@@ -233,9 +233,11 @@ def test_the_catalogue_is_the_table() -> None:
         "rod_stiffness": "rod",
         "speed_fluctuation": "drive",
         "sensor_gain": "sensor",
+        "sensor_factor": "sensor",
         "sensor_droop": "sensor",
         "sensor_bandwidth": "sensor",
         "time_skew": "clock",
+        "analog_delay": "clock",
     }
     assert MODEL.effects["sensor_gain"].channels == FORCES
     assert MODEL.effects["time_skew"].channels == (*FORCES, "flywheel.marker")

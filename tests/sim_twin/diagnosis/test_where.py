@@ -1,0 +1,65 @@
+"""Something outside the catalogue is placed by the channel that alone does not fit, or nowhere."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.gap import GapMeasure, gap_measure
+from sim_twin.diagnosis.library import Library, order_of
+from sim_twin.diagnosis.where import NOT_KNOWN, alone_off, where_unknown
+from tests.sim_twin.diagnosis.toy import CELLS, CHANNELS, SIZE, Blocks, Toy, healthy_rig, recording, shown
+
+OF_ONE = (np.arange(CELLS) % len(CHANNELS) == 0).astype(float)
+SHELF = Cause("shelf", "shelf", (SIZE,))
+PLUG = Cause("plug", "sensor", (SIZE,), "one", sensing=True)
+OTHER = Cause("plug", "sensor", (SIZE,), "two", sensing=True)
+WIDE = Cause("wide", "everywhere", (SIZE,))
+
+
+@cache
+def measure() -> GapMeasure:
+    return gap_measure([recording((), seed, 2) for seed in range(60)], Toy().layout)
+
+
+def rig(seed: int, moved: np.ndarray, blocks: int = 1) -> Blocks:
+    return shown(healthy_rig(seed, blocks) + moved)
+
+
+@cache
+def library() -> Library:
+    """Rigs whose shelf shows in one channel every second time, whose plug always does; what is wide never."""
+    found = Library()
+    patterns = {SHELF: OF_ONE, PLUG: OF_ONE, OTHER: np.roll(OF_ONE, 1), WIDE: np.ones(CELLS)}
+    for cause, pattern in patterns.items():
+        order = order_of({(cause,): np.full((8, 1), 2.0)}, np.random.default_rng(0), together=1)
+        sizes = [0.0 if cause is SHELF and k % 2 else 6.0 for k in range(len(order))]
+        found.add(order, [(rig(k, size * pattern),) for k, size in enumerate(sizes)])
+    return found
+
+
+@pytest.mark.parametrize(("moved", "channel"), [(OF_ONE, "one"), (np.roll(OF_ONE, 2), "three")])
+def test_a_channel_that_alone_is_off_is_named(moved: np.ndarray, channel: str) -> None:
+    assert alone_off((measure(),), rig(500, 6 * moved, 4)) == channel
+
+
+def test_no_channel_is_named_where_several_or_none_are_off() -> None:
+    assert alone_off((measure(),), rig(500, 6 * np.ones(CELLS), 4)) == ""
+    assert [alone_off((measure(),), rig(500 + k, np.zeros(CELLS), 4)) for k in range(20)] == [""] * 20
+
+
+def test_a_channel_may_be_off_beside_what_is_explained() -> None:
+    both = rig(500, 6 * np.ones(CELLS) + 6 * OF_ONE, 4)
+    explained = np.concatenate([rig(k, 6 * np.ones(CELLS)) for k in range(20)]).astype(np.float64)
+    assert alone_off((measure(), measure().of_repaired(explained)), both) == "one"
+
+
+def test_places_are_those_whose_causes_show_in_that_channel_alone() -> None:
+    causes = (SHELF, PLUG, OTHER, WIDE)
+    found = where_unknown(measure(), "one", causes, library())
+    assert found == pytest.approx({"shelf": 1 / 3, "sensor": 2 / 3, "everywhere": 0.0})
+    assert where_unknown(measure(), "", causes, library()) == {NOT_KNOWN: 1.0}
+    assert where_unknown(measure(), "four", causes, library()) == {NOT_KNOWN: 1.0}
