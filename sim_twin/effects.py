@@ -269,7 +269,7 @@ class _AnalogLate:
             for name, each in chains.items()
             if isinstance(each, SensorChain)
         }
-        return replace(twin, sensors={**twin.sensors, **analog})  # type: ignore[type-var]
+        return replace(twin, sensors={**twin.sensors, **analog})
 
 
 def analog_delay() -> Effect:
