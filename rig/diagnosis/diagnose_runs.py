@@ -69,7 +69,7 @@ def diagnose_runs(
     with screen.bar("simulating", effort.motions, "rigs", work) as bar, worker_processes(cores()) as workers:
         simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
-            findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
+            findings = diagnose(data.campaign, data.measured, effort, simulated, seed, data.told)
 
         def simulate(campaign: Campaign) -> Simulated:
             return Simulated(campaign, workers.executor, began + _LAST * budget_s, lambda _: None)
@@ -89,7 +89,7 @@ def diagnose_runs(
     if findings.unknown >= _UNKNOWN_ENOUGH:
         forces = latent_forces(data.campaign, data.records, data.sound, seed)
     catalogue = twin.model.effects
-    request = Request(runs, model, seed, budget_s)
+    request = Request(data.paths, model, seed, budget_s)
     content = document(
         findings, catalogue, request, reach, experiment, time.monotonic() - began, remarks, forces
     )
@@ -101,8 +101,8 @@ def diagnose_runs(
         files["next run"] = out / "next_experiment.toml"
         files["next run"].write_text(experiment.scenario, encoding="utf-8")
     rig = data.campaign.runs[0].twin.model
-    units = {name: rig.channel_unit(name) for name in data.campaign.runs[0].columns.channels}
-    pairs = zip(runs, data.scenarios, strict=True)
+    units = {name: rig.channel_unit(name) for run in data.campaign.runs for name in run.columns.channels}
+    pairs = zip(data.paths, data.scenarios, strict=True)
     facts = [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
     write_report(files["report"], Case(findings, content, facts, remarks, forces, out))
     return findings, files

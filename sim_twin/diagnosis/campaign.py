@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from math import ceil, inf, pi
 from typing import TypeAlias
@@ -43,14 +43,16 @@ class RunSetting:
     """One run: the nominal `twin` in step with it, and how its records are looked at.
 
     `columns` say at which rate (Hz) and in which cycles; a block has `cycles` of them. The truth is computed
-    at `oversampling` times the rate. `quiet` is the share of the noise's rms that resampling left.
+    at `oversampling` times the rate. `quiet` is the share of each channel's rms of noise that resampling left
+    (else 1). `reference` tells the cycles; empty: the rig's own.
     """
 
     twin: AnyTwin
     columns: Columns
     oversampling: int
     cycles: int
-    quiet: float = 1.0
+    quiet: Mapping[str, float] = field(default_factory=dict)
+    reference: str = ""
 
     def samples(self, blocks: int) -> int:
         """How many samples hold so many blocks, wherever the first cycle begins."""
@@ -79,13 +81,14 @@ class RunSetting:
         return {name: record[cut] for name, record in records.items()}
 
     def cycles_in(self, records: Mapping[str, Array]) -> Cycles:
-        model = self.twin.model
-        return model.follow(records[model.reference], self.columns.rate, self.columns.frequency)
+        name = self.reference or self.twin.model.reference
+        return self.twin.model.followed(name)(records[name], self.columns.rate, self.columns.frequency)
 
     def blocks_of(self, records: Mapping[str, Array], sound: NDArray[np.bool_] | None = None) -> Samples:
         """Fingerprints of all whole blocks in `records`, each (n,), without cycles that are not `sound`."""
         cycles = self.cycles_in(records)
-        starts, length = cycles.starts(len(records[self.twin.model.reference])), cycles.length
+        count = len(records[self.reference or self.twin.model.reference])
+        starts, length = cycles.starts(count), cycles.length
         if sound is not None:
             starts = starts[[bool(sound[at : at + length + length // 2].all()) for at in starts]]
         if len(starts) < self.cycles:
@@ -94,8 +97,7 @@ class RunSetting:
         for name in self.columns.channels:
             record = records[name]
             if isinstance(self.twin.sensors.get(name), Encoder):  # told by how it swings about its mean line
-                line = cycles.phase + 2 * pi * cycles.frequency / cycles.rate * np.arange(len(record))
-                record = record - line
+                record = record - cycles.phases(len(record))
             signals.append(np.asarray(record, np.float32))
         table = self.columns.numbers(signals, starts, length)
         parts = range(0, len(table) - self.cycles + 1, self.cycles)
@@ -116,7 +118,8 @@ class Campaign:
     @property
     def causes(self) -> tuple[Cause, ...]:
         """Every effect that the rig can have, once for each channel in the records that it may sit on."""
-        twins, shown = [run.twin for run in self.runs], set(self.runs[0].columns.channels)
+        twins = [run.twin for run in self.runs]
+        shown = {name for run in self.runs for name in run.columns.channels}
         found = []
         for effect in twins[0].model.effects.values():
             if any(effect.refusal(twin) for twin in twins):
@@ -161,7 +164,8 @@ class Campaign:
             # the same rig in every run, set up anew in each
             rig_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
             run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, number)))
-            twin = model.draw_healthy(model.with_effects(setting.twin, draw.effects), rig_rng, run_rng)
+            with_effects = model.with_effects(setting.twin, _shown_in(setting, draw.effects))
+            twin = model.draw_healthy(with_effects, rig_rng, run_rng)
             variants.append(Variant(twin, float(run_rng.uniform(0, 2 * pi))))
         count = setting.samples(max(draw.blocks for draw in draws))
         clean = clean_samples(variants, setting.columns.rate, setting.settle, count, setting.oversampling)
@@ -176,30 +180,44 @@ def _shown(
     setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
     extra: tuple[Named, ...],
 ) -> Records:  # fmt: skip
-    twin = variant.twin.model.with_effects(variant.twin, extra)
+    twin = variant.twin.model.with_effects(variant.twin, _shown_in(setting, extra))
     rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(2, number)))
     stray = twin.model.stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
     sensors = [twin.sensors[name] for name in twin.channels]
-    shown = through_chains(stray, sensors, setting.columns.rate, setting.quiet, rng)
+    quiet = [setting.quiet.get(name, 1.0) for name in twin.channels]
+    shown = through_chains(stray, sensors, setting.columns.rate, quiet, rng)
     return dict(zip(twin.channels, shown, strict=True))
 
 
+def _shown_in(setting: RunSetting, effects: Sequence[Named]) -> list[Named]:
+    """Effects without those on channels that were not measured in this run."""
+    return [
+        (name, values)
+        for name, values in effects
+        if values.get("channel", "") in ("", *setting.twin.channels)
+    ]
+
+
 def through_chains(
-    clean: NDArray[np.float64], sensors: Sequence[Sensor], rate: float, quiet: float, rng: np.random.Generator
+    clean: NDArray[np.float64],
+    sensors: Sequence[Sensor],
+    rate: float,
+    quiet: Sequence[float],
+    rng: np.random.Generator,
 ) -> list[Array]:
     """Samples of `clean` signals, shape (channels, n), as their sensors show them.
 
-    Of the noise that they were recorded with, the share `quiet` (rms) is left at this `rate`. Each record is
-    taken as one period, so that a high-pass is in its steady state.
+    Of the noise that they were recorded with, the shares `quiet` (rms) are left at this `rate`. Each record
+    is taken as one period, so that a high-pass is in its steady state.
     """
     shown: list[Array] = []
-    for row, sensor in zip(clean, sensors, strict=True):
+    for row, sensor, left in zip(clean, sensors, quiet, strict=True):
         if isinstance(sensor, Encoder):
             shown.append(sensor.shown(row))
             continue
-        noise = np.float32(quiet * sensor.noise) * rng.standard_normal(len(row), np.float32)
+        noise = np.float32(left * sensor.noise) * rng.standard_normal(len(row), np.float32)
         if sensor.stages is not None:
-            own = np.float32(quiet * sensor.stages.floor) * rng.standard_normal(len(row), np.float32)
+            own = np.float32(left * sensor.stages.floor) * rng.standard_normal(len(row), np.float32)
             noise = _staged(row, noise, sensor, sensor.stages, rate) + own
         elif row.any():
             turned, length = _periodic(row)

@@ -65,15 +65,25 @@ def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     return Effort(motions - judge, judge)
 
 
-def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execute, seed: int) -> Findings:
+def diagnose(
+    subject: Subject,
+    measured: Blocks,
+    effort: Effort,
+    execute: Execute,
+    seed: int,
+    told: Sequence[float] = (),
+) -> Findings:
     """Diagnose `measured` fingerprints, shape (blocks, numbers); `execute` simulates.
+
+    `told`: how many blocks of each run they are worth, where one stands in several rows; empty: as many as
+    there are rows.
 
     Where gaps are judged on one half of the blocks, parameters were fitted to the other; in the answer they
     are fitted to all.
     """
     rng = np.random.default_rng(seed)
     library = Library()
-    attribution, ranked = Search(subject, measured, execute, rng, library, effort.search).run()
+    attribution, ranked = Search(subject, measured, execute, rng, library, effort.search, told).run()
     measure = gap_measure(library.fingerprints(()), subject.layout)
     like = _like_rigs(ranked[0], library, effort.judge // _CONFIRMING, execute, rng)
     left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)

@@ -117,8 +117,8 @@ def order_of(
     return Order(tuple(draws), tuple(drawn))
 
 
-def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
-    """Make the most of a library for a measurement of so many `blocks`."""
+def learned(library: Library, moments: Moments, told: Sequence[float]) -> Attribution:
+    """Make the most of a library for a measurement of so many blocks of each run as are `told`."""
     healthy = [moments(each) for each in library.fingerprints(())]
     first = np.array([each[0] for each in healthy])
     known = {
@@ -139,7 +139,12 @@ def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
     residuals = np.clip(np.concatenate(left), -_FARTHEST, _FARTHEST)
     whitener = rough @ _whitening(residuals, rough.T @ tolerated @ rough)
 
-    scatter, turn = _scatter([space(each) @ whitener for each in healthy], blocks)
+    several = [space.scaled(each) for each in healthy if len(each) > 1]
+    within = np.concatenate([x - x.mean(axis=0) for x in several] or [first[:0]])
+    less = (1 - 1 / np.asarray(told))[moments.runs]
+    averaged = np.sqrt(less) * within @ space.basis @ whitener
+    freedom = sum(len(each) - 1 for each in several)
+    scatter, turn = _scatter(averaged, freedom, float(less.max()))
     whitener = whitener @ turn
     centre = (space(np.concatenate(healthy)) @ whitener).mean(axis=0)
     places = {h: space(features) @ whitener - centre for h, features in known.items()}
@@ -170,16 +175,11 @@ def _whitening(residuals: Array, tolerated: Array) -> Array:
     return np.asarray(vectors / np.sqrt(lifted))
 
 
-def _scatter(healthy: Sequence[Array], blocks: int) -> tuple[Array, Array]:
-    """Variances of means over so many `blocks`, and the turn to directions in which they are independent.
+def _scatter(averaged: Array, freedom: int, most: float) -> tuple[Array, Array]:
+    """Variances of means over blocks, and the turn to directions in which they are independent.
 
-    What differs between the blocks of a rig is averaged, what differs between rigs is not.
+    What differs between the blocks of a rig is `averaged` (n, directions), at `most` so much of a variance of
+    1; what differs between rigs is not.
     """
-    several = [each for each in healthy if len(each) > 1]
-    size = healthy[0].shape[1]
-    if blocks < 2 or not several:
-        return np.ones(size), np.eye(size)
-    within = np.concatenate([each - each.mean(axis=0) for each in several])
-    freedom = sum(len(each) - 1 for each in several)
-    values, vectors = np.linalg.eigh(within.T @ within / freedom)
-    return np.maximum(1 - (1 - 1 / blocks) * np.clip(values, 0.0, 1.0), _LEAST_SCATTER), vectors
+    values, vectors = np.linalg.eigh(averaged.T @ averaged / max(freedom, 1))
+    return np.maximum(1 - np.clip(values, 0.0, most), _LEAST_SCATTER), vectors

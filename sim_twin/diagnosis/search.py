@@ -116,7 +116,7 @@ def quantile(values: Array, weights: Array, share: float) -> float:
 
 @dataclass(slots=True)
 class Search:
-    """A library that grows towards what explains `measured` (blocks, numbers)."""
+    """A library that grows towards what explains `measured` (blocks, numbers), see `diagnose`."""
 
     subject: Subject
     measured: NDArray[np.float32]
@@ -124,6 +124,7 @@ class Search:
     rng: np.random.Generator
     library: Library
     motions: int
+    told: Sequence[float] = ()
 
     def run(self) -> tuple[Attribution, list[Ranked]]:
         """Spend the motions; the most probable hypothesis comes first."""
@@ -151,7 +152,9 @@ class Search:
 
     def learn(self) -> Attribution:
         """What the library says so far."""
-        return learned(self.library, Moments(self.subject.layout), len(self.measured))
+        moments = Moments(self.subject.layout)
+        each = [len(self.measured)] * (int(moments.runs.max()) + 1)
+        return learned(self.library, moments, self.told or each)
 
     def singles(self) -> list[Hypothesis]:
         """Nothing, and every effect alone."""

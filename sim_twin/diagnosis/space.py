@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +46,7 @@ class Moments:
     @cached_property
     def tolerance(self) -> Array:
         """Of each feature, in its unit."""
-        each = np.array([TOLERANCE.get(cell.what, 0.0) for cell in self.layout.cells])
-        spread = each[self._sizes == SLICES]
-        alone = np.repeat(each, np.where(self._sizes == SLICES, 0, self._sizes))
+        spread, alone = self._each(np.array([TOLERANCE.get(cell.what, 0.0) for cell in self.layout.cells]))
         return np.concatenate([spread, spread, alone])
 
     @cached_property
@@ -55,10 +54,19 @@ class Moments:
         """Which features go up and down together where programs differ: of one run, channel and figure."""
         names = [(cell.run, cell.channel, cell.what) for cell in self.layout.cells]
         numbers = {name: k for k, name in enumerate(dict.fromkeys(names))}
-        each = np.array([numbers[name] for name in names])
-        spread = each[self._sizes == SLICES]
-        alone = np.repeat(each, np.where(self._sizes == SLICES, 0, self._sizes))
+        spread, alone = self._each(np.array([numbers[name] for name in names]))
         return np.concatenate([spread, spread + len(numbers), alone])
+
+    @cached_property
+    def runs(self) -> NDArray[np.intp]:
+        """Of which run each feature is."""
+        spread, alone = self._each(np.array([cell.run for cell in self.layout.cells], dtype=np.intp))
+        return np.concatenate([spread, spread, alone])
+
+    def _each(self, of_cells: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """What is told of the cells, of each distribution and of each other number."""
+        distributed = self._sizes == SLICES
+        return of_cells[distributed], np.repeat(of_cells, np.where(distributed, 0, self._sizes))
 
     @cached_property
     def _sizes(self) -> NDArray[np.intp]:
