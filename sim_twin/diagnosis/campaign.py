@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from math import ceil, inf, pi
 from typing import TypeAlias
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.fingerprint import Columns, Layout
+from sim_twin.diagnosis.fingerprint import Columns, Crossed, Layout, Look
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
@@ -27,8 +26,6 @@ Array = NDArray[np.floating]
 Samples = NDArray[np.float32]
 Records: TypeAlias = dict[str, Array]
 """One run's channels at the setting's rate, each (n,)."""
-Showing: TypeAlias = Callable[[tuple[Named, ...]], Records]
-"""A simulated run's records, with what is wrong with its sensors besides."""
 _GUARD_S = 4e-3
 """Cut from both ends of a simulated record: a skew shifts its end into its start."""
 _SETTLE_S, _SETTLE_CYCLES = 0.5, 2.0
@@ -70,11 +67,6 @@ class RunSetting:
         latest = max((each.stages.delay for each in chains if each.stages is not None), default=0.0)
         return round(_GUARD_S * self.columns.rate) + int(latest * self.columns.rate)
 
-    def blocks_of_simulated(self, records: Mapping[str, Array], blocks: int) -> Samples | None:
-        """Fingerprints of simulated records, shape (blocks, numbers); None where they tell no such."""
-        found = self.blocks_of(self.inner(records))[:blocks]
-        return found if len(found) == blocks and np.isfinite(found).all() else None
-
     def inner(self, records: Mapping[str, Array]) -> Records:
         """Simulated records without their ends."""
         cut = slice(self._guard, -self._guard)
@@ -84,24 +76,50 @@ class RunSetting:
         name = self.reference or self.twin.model.reference
         return self.twin.model.followed(name)(records[name], self.columns.rate, self.columns.frequency)
 
-    def blocks_of(self, records: Mapping[str, Array], sound: NDArray[np.bool_] | None = None) -> Samples:
-        """Fingerprints of all whole blocks in `records`, each (n,), without cycles that are not `sound`."""
-        cycles = self.cycles_in(records)
-        count = len(records[self.reference or self.twin.model.reference])
-        starts, length = cycles.starts(count), cycles.length
+    def blocks_of(
+        self,
+        records: Mapping[str, Array],
+        sound: NDArray[np.bool_] | None = None,
+        known: Known | None = None,
+    ) -> Samples:
+        """Fingerprints of all whole blocks in `records`, each (n,), without cycles that are not `sound`.
+
+        What records that are `known` have in common with these is not looked at again.
+        """
+        reference = records[self.reference or self.twin.model.reference]
+        if known is None or known.reference is not reference:
+            known = Known(reference)
+        if known.cycles is None:
+            known.cycles = self.cycles_in(records)
+        cycles = known.cycles
+        starts, length = cycles.starts(len(reference)), cycles.length
         if sound is not None:
             starts = starts[[bool(sound[at : at + length + length // 2].all()) for at in starts]]
         if len(starts) < self.cycles:
             return np.empty((0, 0), np.float32)
-        signals = []
+        looks = []
         for name in self.columns.channels:
             record = records[name]
-            if isinstance(self.twin.sensors.get(name), Encoder):  # told by how it swings about its mean line
-                record = record - cycles.phases(len(record))
-            signals.append(np.asarray(record, np.float32))
-        table = self.columns.numbers(signals, starts, length)
+            if id(record) not in known.looks:
+                signal = record
+                if isinstance(self.twin.sensors.get(name), Encoder):  # by how it swings about its mean line
+                    signal = record - cycles.phases(len(record))
+                look = self.columns.look(name, np.asarray(signal, np.float32), starts, length)
+                known.looks[id(record)] = record, look
+            looks.append(known.looks[id(record)][1])
+        table = self.columns.table(looks, known.crossed)
         parts = range(0, len(table) - self.cycles + 1, self.cycles)
         return np.array([table.fingerprint(slice(first, first + self.cycles)) for first in parts])
+
+
+@dataclass(slots=True)
+class Known:
+    """What was made of records that one `reference` cuts: of each by its id, and of each two."""
+
+    reference: Array
+    cycles: Cycles | None = None
+    looks: dict[int, tuple[Array, Look]] = field(default_factory=dict)
+    crossed: dict[tuple[int, int], Crossed] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +161,8 @@ class Campaign:
         """Simulate some draws side by side."""
         found = [
             [
-                [show and setting.blocks_of_simulated(show(extra), draw.blocks) for extra in draw.sensing]
-                for draw, show in zip(draws, self._simulated(k, setting, draws), strict=True)
+                [motion and motion.blocks(extra, draw.blocks) for extra in draw.sensing]
+                for draw, motion in zip(draws, self._simulated(k, setting, draws), strict=True)
             ]
             for k, setting in enumerate(self.runs)
         ]
@@ -153,11 +171,11 @@ class Campaign:
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
         """What the channels of each run show, (runs, draws); None for a run that failed."""
         return [
-            [show and setting.inner(show(())) for show in self._simulated(k, setting, draws)]
+            [motion and motion.records(()) for motion in self._simulated(k, setting, draws)]
             for k, setting in enumerate(self.runs)
         ]
 
-    def _simulated(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> Iterator[Showing | None]:
+    def _simulated(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> Iterator[_Motion | None]:
         """Each of some draws; None for one that failed."""
         variants, model = [], setting.twin.model
         for draw in draws:
@@ -173,20 +191,41 @@ class Campaign:
             if one is None or not np.isfinite(one).all():
                 yield None
             else:
-                yield partial(_shown, setting, number, variant, draw, one)
+                yield _Motion(setting, variant.twin, draw.seed, number, one)
 
 
-def _shown(
-    setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
-    extra: tuple[Named, ...],
-) -> Records:  # fmt: skip
-    twin = variant.twin.model.with_effects(variant.twin, _shown_in(setting, extra))
-    rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(2, number)))
-    stray = twin.model.stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
-    sensors = [twin.sensors[name] for name in twin.channels]
-    quiet = [setting.quiet.get(name, 1.0) for name in twin.channels]
-    shown = through_chains(stray, sensors, setting.columns.rate, quiet, rng)
-    return dict(zip(twin.channels, shown, strict=True))
+class _Motion:
+    """A simulated run; what one observation of it shows is worked out once for all that show the same."""
+
+    def __init__(
+        self, setting: RunSetting, twin: AnyTwin, seed: int, number: int, clean: NDArray[np.float64]
+    ) -> None:
+        self._setting, self._twin = setting, twin
+        rng = np.random.default_rng(SeedSequence(seed, spawn_key=(3,)))
+        self._rows = dict(zip(twin.channels, twin.model.stray(twin, clean, rng), strict=True))
+        rng = np.random.default_rng(SeedSequence(seed, spawn_key=(2, number)))
+        self._noises = {name: _noise(twin.sensors[name], clean.shape[1], rng) for name in twin.channels}
+        self._plain = self._through({name: twin.sensors[name] for name in twin.channels})
+        self._known = Known(self._plain[setting.reference or twin.model.reference])
+
+    def records(self, extra: tuple[Named, ...]) -> Records:
+        """What its channels show with what else is wrong with its sensors, without their ends."""
+        sensors = self._twin.model.with_effects(self._twin, _shown_in(self._setting, extra)).sensors
+        other = {name: sensors[name] for name in self._plain if sensors[name] != self._twin.sensors[name]}
+        return {**self._plain, **self._through(other)}
+
+    def blocks(self, extra: tuple[Named, ...], blocks: int) -> Samples | None:
+        """Fingerprints of them, shape (blocks, numbers); None where they tell no such."""
+        found = self._setting.blocks_of(self.records(extra), known=self._known)[:blocks]
+        return found if len(found) == blocks and np.isfinite(found).all() else None
+
+    def _through(self, sensors: Mapping[str, Sensor]) -> Records:
+        rate, quiet = self._setting.columns.rate, self._setting.quiet
+        shown = {
+            name: _through_chain(self._rows[name], sensor, rate, quiet.get(name, 1.0), self._noises[name])
+            for name, sensor in sensors.items()
+        }
+        return self._setting.inner(shown)
 
 
 def _shown_in(setting: RunSetting, effects: Sequence[Named]) -> list[Named]:
@@ -199,32 +238,40 @@ def _shown_in(setting: RunSetting, effects: Sequence[Named]) -> list[Named]:
 
 
 def through_chains(
-    clean: NDArray[np.float64],
-    sensors: Sequence[Sensor],
-    rate: float,
-    quiet: Sequence[float],
-    rng: np.random.Generator,
+    clean: NDArray[np.float64], sensors: Sequence[Sensor], rate: float, quiet: float, rng: np.random.Generator
 ) -> list[Array]:
     """Samples of `clean` signals, shape (channels, n), as their sensors show them.
 
-    Of the noise that they were recorded with, the shares `quiet` (rms) are left at this `rate`. Each record
-    is taken as one period, so that a high-pass is in its steady state.
+    Of the noise that they were recorded with, the share `quiet` (rms) is left at this `rate`. Each record is
+    taken as one period, so that a high-pass is in its steady state.
     """
-    shown: list[Array] = []
-    for row, sensor, left in zip(clean, sensors, quiet, strict=True):
-        if isinstance(sensor, Encoder):
-            shown.append(sensor.shown(row))
-            continue
-        noise = np.float32(left * sensor.noise) * rng.standard_normal(len(row), np.float32)
-        if sensor.stages is not None:
-            own = np.float32(left * sensor.stages.floor) * rng.standard_normal(len(row), np.float32)
-            noise = _staged(row, noise, sensor, sensor.stages, rate) + own
-        elif row.any():
-            turned, length = _periodic(row)
-            turned *= _response(sensor, len(turned), rate / length)
-            noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
-        shown.append(noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit))
-    return shown
+    return [
+        _through_chain(row, sensor, rate, quiet, _noise(sensor, len(row), rng))
+        for row, sensor in zip(clean, sensors, strict=True)
+    ]
+
+
+_Noise: TypeAlias = tuple[NDArray[np.float32], ...]
+
+
+def _noise(sensor: Sensor, count: int, rng: np.random.Generator) -> _Noise:
+    """Of rms 1: the sensor's, and that of the input behind its stages."""
+    sources = 0 if isinstance(sensor, Encoder) else 1 if sensor.stages is None else 2
+    return tuple(rng.standard_normal(count, np.float32) for _ in range(sources))
+
+
+def _through_chain(row: Array, sensor: Sensor, rate: float, quiet: float, noises: _Noise) -> Array:
+    if isinstance(sensor, Encoder):
+        return sensor.shown(row)
+    noise = np.float32(quiet * sensor.noise) * noises[0]
+    if sensor.stages is not None:
+        own = np.float32(quiet * sensor.stages.floor) * noises[1]
+        noise = _staged(row, noise, sensor, sensor.stages, rate) + own
+    elif row.any():
+        turned, length = _periodic(row)
+        turned *= _response(sensor, len(turned), rate / length)
+        noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
+    return noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit)
 
 
 def _periodic(row: Array) -> tuple[NDArray[np.complex64], int]:
