@@ -134,8 +134,8 @@ def learned(library: Library, moments: Moments, told: Sequence[float]) -> Attrib
     rough = _whitening(space(first) - space(first).mean(axis=0), tolerated)
     y = {h: space(features) @ rough for h, features in known.items()}
     centre = (space(np.concatenate(healthy)) @ rough).mean(axis=0)
-    left = [space(first) @ rough - centre]
-    left += [_emulator(library, h, y[h] - centre).left_out for h in known if len(h) == 1]
+    roughly = {h: _emulator(library, h, y[h] - centre) for h in known if len(h) == 1}
+    left = [space(first) @ rough - centre, *(each.left_out for each in roughly.values())]
     residuals = np.clip(np.concatenate(left), -_FARTHEST, _FARTHEST)
     whitener = rough @ _whitening(residuals, rough.T @ tolerated @ rough)
 
@@ -149,7 +149,7 @@ def learned(library: Library, moments: Moments, told: Sequence[float]) -> Attrib
     centre = (space(np.concatenate(healthy)) @ whitener).mean(axis=0)
     places = {h: space(features) @ whitener - centre for h, features in known.items()}
     singles: dict[Hypothesis, Emulator] = {
-        h: _emulator(library, h, place) for h, place in places.items() if len(h) == 1
+        h: _emulator(library, h, places[h], each.lengths) for h, each in roughly.items()
     }
     alone = Attribution(moments, space, whitener, centre, scatter, singles)
     pairs = {
@@ -160,8 +160,10 @@ def learned(library: Library, moments: Moments, told: Sequence[float]) -> Attrib
     return replace(alone, emulators={**singles, **pairs})
 
 
-def _emulator(library: Library, hypothesis: Hypothesis, places: Array) -> Emulator:
-    return fitted(coordinates_of(hypothesis, library.values(hypothesis)), places)
+def _emulator(
+    library: Library, hypothesis: Hypothesis, places: Array, lengths: Array | None = None
+) -> Emulator:
+    return fitted(coordinates_of(hypothesis, library.values(hypothesis)), places, lengths)
 
 
 def _whitening(residuals: Array, tolerated: Array) -> Array:

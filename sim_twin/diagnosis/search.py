@@ -193,8 +193,10 @@ class Search:
             for second in causes[k + 1 :]
             if first.name != second.name or first.channel
         ]
-        found = [attribution.posterior(pair, place, self.rng, 0.5).log_evidence for pair in pairs]
-        return [pairs[k] for k in np.argsort(found)[::-1][:_PAIRS_LOOKED_AT]]
+        found = attribution.glances(pairs, place, self.rng)
+        best = [pairs[k] for k in np.argsort(found)[::-1][:_PAIRS_LOOKED_AT]]
+        # of a pair that was simulated more is known than the sum
+        return list(dict.fromkeys([*best, *(pair for pair in pairs if pair in attribution.emulators)]))
 
     def partners(self, leading: Ranked, motions: int, wider: float) -> Order:
         """The leading effect, as it may be here, with each other one that moves: their sum need not hold."""
