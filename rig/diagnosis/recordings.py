@@ -313,7 +313,7 @@ def _unfinished(log: LogReader, wanted: Sequence[str], longest_s: float | None) 
     """What of a log is not looked at."""
     found = []
     if longest_s is not None:
-        whole_s = log.until_stop_s or max(log.end_s("measured", name) for name in wanted)
+        whole_s = log.until_stop_s or (log.end_s("measured", wanted[0]) if wanted else 0.0)
         if whole_s > longest_s:
             found.append(f"only the first {longest_s:g} s of {whole_s:.4g} s were looked at")
     if log.until_stop_s is not None:

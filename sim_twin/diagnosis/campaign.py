@@ -124,9 +124,14 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Some runs of one rig."""
+    """Some runs of one rig; `numbers` are theirs among those of a larger campaign, for what is drawn."""
 
     runs: tuple[RunSetting, ...]
+    numbers: tuple[int, ...] = ()
+
+    def only(self, numbers: tuple[int, ...]) -> Campaign:
+        """Some of the runs: what is observed of them is the same bits."""
+        return Campaign(tuple(self.runs[k] for k in numbers), numbers)
 
     @property
     def layout(self) -> Layout:
@@ -166,7 +171,7 @@ class Campaign:
             ]
             for k, setting in enumerate(self.runs)
         ]
-        return [_joined([run[number] for run in found]) for number in range(len(draws))]
+        return [joined([run[number] for run in found]) for number in range(len(draws))]
 
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
         """What the channels of each run show, (runs, draws); None for a run that failed."""
@@ -178,6 +183,7 @@ class Campaign:
     def _simulated(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> Iterator[_Motion | None]:
         """Each of some draws; None for one that failed."""
         variants, model = [], setting.twin.model
+        number = self.numbers[number] if self.numbers else number
         for draw in draws:
             # the same rig in every run, set up anew in each
             rig_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
@@ -317,7 +323,7 @@ def _response(chain: SensorChain, count: int, resolution: float) -> NDArray[np.c
     return response.astype(np.complex64)
 
 
-def _joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:
+def joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:
     """Of each observation, the fingerprints of all runs side by side."""
     together = zip(*runs, strict=True)
     return tuple(
