@@ -158,8 +158,17 @@ class Simulated:
 
     def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
         """Observations of each draw in order; () for one that there was no time for."""
+        return self.of(self._subject, draws)
+
+    def known(self, count: int) -> None:
+        """So many draws need not be observed."""
+        self._done += count
+        self._report(self._done)
+
+    def of(self, subject: Subject, draws: Sequence[Draw]) -> list[Observed]:
+        """The same of another subject."""
         pieces = [draws[first : first + _TOGETHER] for first in range(0, len(draws), _TOGETHER)]
-        futures = [self._executor.submit(observed, self._subject, piece) for piece in pieces]
+        futures = [self._executor.submit(observed, subject, piece) for piece in pieces]
         for future in futures:
             wait([future], timeout=max(0.0, self._deadline - time.monotonic()))
             if not future.done() and future.cancel():

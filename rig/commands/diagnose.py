@@ -171,10 +171,10 @@ def calibrate(
         suspects = ", ".join(outcome.suspicious)
         screen.warn(f"more than three standard deviations off: {suspects}. Is the rig healthy?")
     names = []
-    for run in runs:
+    for run in read.paths:
         with LogReader(run) as log:
             names.append(followed_scenario(log).name)
-    of_runs = [run.name for run in runs]
+    of_runs = [run.name for run in read.paths]
     text = as_model_text(twin, outcome.matched, of_runs, list(dict.fromkeys(names)), before)
     out.write_text(text, encoding="utf-8")
     screen.say(f"model      {out}")
@@ -219,7 +219,7 @@ def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: 
     work = work_of("calibrate", read.campaign, rigs)
     with screen.bar("simulating", rigs, "healthy rigs", work) as bar, worker_processes(cores()) as workers:
         simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar)
-        outcome = match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed))
+        outcome = match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed), read.told)
     if simulate.cut_short:
         screen.warn(
             "time ran out: fewer healthy rigs were simulated than planned; another machine may fit otherwise"

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from daq.errors import RattleError
 from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
+from rig.diagnosis.kept import Kept
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.diagnosis.report import arguments, before_and_after, causes, gap_map, verdict
 from rig.diagnosis.report.case import Case, RunFacts
@@ -69,11 +70,14 @@ def diagnose_runs(
     work = work_of("diagnose", data.campaign, effort.motions)
     with screen.bar("simulating", effort.motions, "rigs", work) as bar, worker_processes(cores()) as workers:
         simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar)
+        told = "" if model is None else model.read_text(encoding="utf-8")
+        kept = Kept(data.campaign, simulated, told, screen.warn)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
-            findings = diagnose(data.campaign, data.measured, effort, simulated, seed)
+            findings = diagnose(data.campaign, data.measured, effort, kept, seed, data.told)
 
-        def simulate(campaign: Campaign) -> Simulated:
-            return Simulated(campaign, workers.executor, began + _LAST * budget_s, lambda _: None)
+        def simulate(campaign: Campaign) -> Kept:
+            later = Simulated(campaign, workers.executor, began + _LAST * budget_s, lambda _: None)
+            return Kept(campaign, later, told, screen.warn)
 
         experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
     if simulated.cut_short:
@@ -97,15 +101,17 @@ def diagnose_runs(
         forces = latent_forces(data.campaign, data.records, data.sound, seed)
     catalogue = twin.model.effects
     said = {**provenance(seed), "budget_s": budget_s, "model": None if model is None else str(model)}
-    units = {name: twin.model.channel_unit(name) for name in columns.channels}
-    pairs = zip(runs, data.scenarios, strict=True)
+    units = {
+        name: twin.model.channel_unit(name) for run in data.campaign.runs for name in run.columns.channels
+    }
+    pairs = zip(data.paths, data.scenarios, strict=True)
     facts = [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
     case = Case(findings, {}, facts, remarks, forces, out)
     drawn = [(number, name) for name, number in case.drawn_channels()]
     cycles = typical_cycles(data.campaign, data.records, data.sound, drawn, findings.effects, seed)
     seconds = time.monotonic() - began
     content = document(
-        findings, catalogue, runs, said, reach, experiment, seconds, remarks, forces, units, cycles
+        findings, catalogue, data.paths, said, reach, experiment, seconds, remarks, forces, units, cycles
     )
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
     files = {what: out / name for what, name in names.items()}
@@ -204,7 +210,8 @@ def measured_gap(
     given = () if effects is None else tuple(load_effects(effects, rig.effects))
     alone = given if len(given) > 1 else ()
     wanted = [((), _HEALTHY), *([(given, _REPAIRED)] if given else []), *(((one,), _ALONE) for one in alone)]
-    healthy, *others = _simulated(data, wanted, seed, screen)
+    told = "" if model is None else model.read_text(encoding="utf-8")
+    healthy, *others = _simulated(data, wanted, seed, screen, told)
     measure = gap_measure(healthy, data.campaign.layout)
     repaired = [np.array([blocks[0] for blocks in each], dtype=np.float64) for each in others]
     rng = np.random.default_rng([seed, 1])
@@ -219,7 +226,11 @@ def measured_gap(
 
 
 def _simulated(
-    data: RecordedCampaign, wanted: Sequence[tuple[tuple[Named, ...], int]], seed: int, screen: Screen
+    data: RecordedCampaign,
+    wanted: Sequence[tuple[tuple[Named, ...], int]],
+    seed: int,
+    screen: Screen,
+    model: str,
 ) -> list[list[NDArray[np.float32]]]:
     """Fingerprints (blocks, numbers) of so many rigs with each set of effects."""
     rng = np.random.default_rng(seed)
@@ -231,7 +242,7 @@ def _simulated(
     work = work_of("simulate", data.campaign, len(draws))
     with screen.bar("simulating", len(draws), "rigs", work) as bar, worker_processes(cores()) as workers:
         simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar)
-        shown = iter(simulated(draws))
+        shown = iter(Kept(data.campaign, simulated, model, screen.warn)(draws))
     sets = [[each[0] for each in islice(shown, count) if each and each[0] is not None] for _, count in wanted]
     if any(len(each) < _FEWEST for each in sets):
         raise RattleError("too few rigs could be simulated for a gap")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from daq.errors import ConfigurationError
@@ -44,13 +44,13 @@ def options(
     scenario_text: str,
     channels: Sequence[str],
     rate: float,
-    quiet: float = 1.0,
+    quiet: Mapping[str, float] = NOTHING,
     chains: Mapping[str, str] = NOTHING,
 ) -> list[Option]:
     """Other settings of the rig within what its scenario files allow, most different first.
 
-    They are looked at like the runs that were made, at `rate` Hz with the share `quiet` of the noise, through
-    the same `chains`.
+    They are looked at like the runs that were made, at `rate` Hz with the shares `quiet` of the noise,
+    through the same `chains`.
     """
     table = tomllib.loads(scenario_text)
     kind = RIGS[table["rig"]]
@@ -66,8 +66,7 @@ def options(
         except ConfigurationError:
             continue
         whole = int(scenario.acquisition.duration * twin.drive.cycle_hz - 1.5)
-        setting = replace(setting_of(twin, channels, rate, whole), quiet=quiet)
-        found.append(Option(text, Campaign((setting,))))
+        found.append(Option(text, Campaign((setting_of(twin, channels, rate, whole, quiet),))))
     return found[:_MOST]
 
 

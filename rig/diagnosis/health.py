@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 import os
 import time
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-import sim_twin
 from daq.errors import RattleError
 from daq.log.reader import LogReader
 from daq.log.writer import write_whole
+from rig.diagnosis.kept import digest_of, setting_told, version_of
 from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.cache import cache_folder
@@ -152,30 +149,5 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
 def _key(run: AloneRun, model: str, rigs: int) -> str:
     """A digest of all that the band follows from."""
     (setting,) = run.campaign.runs
-    told = (
-        sources_digest(sim_twin.__file__),
-        sources_digest(inspect.getfile(type(setting.twin.rig))),
-        repr(setting.twin.rig),
-        repr(setting.twin.drive),
-        repr(sorted(setting.twin.sensors.items())),
-        repr(sorted(setting.twin.widths.items())),
-        repr(setting.columns),
-        setting.oversampling,
-        setting.cycles,
-        setting.quiet,
-        model,
-        rigs,
-        _BLOCKS,
-    )
-    return hashlib.sha256("\n".join(map(str, told)).encode()).hexdigest()[:32]
-
-
-@cache
-def sources_digest(module: str) -> str:
-    """A digest of a module's file and of all that is in its package."""
-    digest, root = hashlib.sha256(), Path(module)
-    while (root.parent / "__init__.py").exists():
-        root = root.parent
-    for file in sorted(root.rglob("*.py")) if root.is_dir() else [root]:
-        digest.update(file.relative_to(root.parent).as_posix().encode() + b"\n" + file.read_bytes())
-    return digest.hexdigest()
+    told = (version_of(setting), *setting_told(setting), model, rigs, _BLOCKS)
+    return digest_of(*told).hex()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,6 @@ import numpy as np
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
-import sim_twin
 from daq.errors import (
     ConfigurationError,
     LogError,
@@ -30,7 +28,7 @@ from daq.errors import (
 from daq.log.writer import write_whole
 from daq.quantity import Quantity, Setting
 from rig.diagnosis.experiments import options
-from rig.diagnosis.health import sources_digest
+from rig.diagnosis.kept import version_of
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.faults import Faults
@@ -69,7 +67,7 @@ _WIDE_RANGE = 3.0
 """Ratio of a range's ends from which on it is one of ratios."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Identifying(Campaign):
     """Runs of a rig of which some values are not known: those of a draw, instead of effects.
 
@@ -110,7 +108,7 @@ def identifying(
         known = Matched(closed, np.zeros(len(closed)), np.zeros((len(closed), len(closed))))
         twin = MatchedTwin(run.twin.rig, run.twin.drive, run.twin.sensors, run.twin.widths, known)
         opened.append(replace(run, twin=twin))
-    return Identifying(tuple(opened), kind.name, tuple(each.model for each in scenarios))
+    return Identifying(tuple(opened), rig=kind.name, given=tuple(each.model for each in scenarios))
 
 
 def tolerance_of(kind: RigKind, key: str, twin: AnyTwin) -> Tolerance | None:
@@ -335,7 +333,9 @@ def identify(
         require_moves(wides, campaign, simulate)
         known, converged = nothing_known(wides), False
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
-            rounds = fitted_rounds(campaign, wides, data.measured, simulate, np.random.default_rng(seed))
+            rounds = fitted_rounds(
+                campaign, wides, data.measured, simulate, np.random.default_rng(seed), data.told
+            )
             for number, each in enumerate(rounds, 1):
                 known, converged = each.known, each.converged
                 far = int(np.argmax(each.moved))
@@ -426,10 +426,7 @@ def _digest(campaign: Campaign) -> str:
     rest = [(run.oversampling, run.cycles, run.quiet) for run in campaign.runs]
     known = [getattr(run.twin, "known", None) for run in campaign.runs]
     given = campaign.given if isinstance(campaign, Identifying) else ()
-    sources = (
-        sources_digest(sim_twin.__file__),
-        sources_digest(inspect.getfile(type(campaign.runs[0].twin.rig))),
-    )
+    sources = version_of(campaign.runs[0])
     names = [each.names for each in known if each is not None]
     return hashlib.sha256(repr((runs, rest, names, given, sources)).encode()).hexdigest()
 

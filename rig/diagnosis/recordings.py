@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import ceil, pi
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.block import Flag, SampleBlock
+from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
 from daq.log.reader import LogReader
@@ -24,7 +25,8 @@ from rig.twin.logged import followed_scenario, logged_twin
 from sim_twin.decimation import decimated
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import Columns
-from sim_twin.rigs.cycles import Cycles
+from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
+from sim_twin.rigs.cycles import FOLLOWS, Cycles
 from sim_twin.sensors import Encoder, anti_alias_taps
 from sim_twin.twin import AnyTwin
 
@@ -67,24 +69,17 @@ def lost_of(log: LogReader, names: Sequence[str], end_s: float | None = None) ->
     return {name: Lossy(table[name], lost[name], tuple(dict.fromkeys(why[name]))) for name in table}
 
 
-def usable(
-    path: Path, lost: Mapping[str, Lossy], reference: str
-) -> tuple[dict[str, SampleBlock], NDArray[np.bool_], tuple[str, ...]]:
-    """The channels that can be used, which samples of the `span` they share, shape (n,), and what is lost.
+class RunUnusable(LogError):
+    """A run that tells nothing, `why` in words; others of its rig may stand in for it."""
 
-    A channel that is lost for half of the run or more is left out. Raises LogError where that is `reference`,
-    which tells the cycles.
-    """
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(f"{path}: {why}")
+        self.name, self.why = path.name, why
+
+
+def usable(lost: Mapping[str, Lossy]) -> tuple[dict[str, Lossy], tuple[str, ...]]:
+    """The channels that can be used, and what is lost; one that is lost for half of it is left out."""
     kept = {name: each for name, each in lost.items() if each.lost.mean() < _MOSTLY}
-    if reference not in kept:
-        each = lost[reference]
-        raise LogError(
-            f"{path}: {each.lost.mean():.0%} of {reference} {' and '.join(each.why)}; "
-            "without it nobody knows the phase of a cycle"
-        )
-    table = {name: each.series for name, each in kept.items()}
-    first, end = span(table)
-    sound = np.ones(end - first, dtype=bool)
     remarks = [
         f"{name} is not used: {each.lost.mean():.0%} of it {' and '.join(each.why)}"
         for name, each in lost.items()
@@ -92,30 +87,32 @@ def usable(
     ]
     alike: dict[str, list[str]] = {}
     for name, each in kept.items():
-        spoilt = each.lost[first - each.series.first_sample : end - each.series.first_sample]
-        sound &= ~spoilt
-        if spoilt.any():
-            alike.setdefault(f"{spoilt.mean():.1%} {' and '.join(each.why)}", []).append(name)
+        if each.lost.any():
+            alike.setdefault(f"{each.lost.mean():.1%} {' and '.join(each.why)}", []).append(name)
     for what, names in alike.items():
         whose = "all channels" if len(names) == len(kept) else ", ".join(names)
         remarks.append(f"{whose}: {what}; left out, in all channels")
-    return table, sound, tuple(remarks)
-
-
-def span(table: Mapping[str, SampleBlock]) -> tuple[int, int]:
-    """First sample that all channels have, and the one after the last."""
-    first = max(series.first_sample for series in table.values())
-    return first, min(series.end_sample for series in table.values())
+    return kept, tuple(remarks)
 
 
 Array = NDArray[np.floating]
 _RATE = 25_600.0
 _BLOCK_S, _BLOCK_CYCLES = 1.8, 8
-_FEWEST_CYCLES = 10
+_FEWEST_CYCLES = 2
+"""With the half of the next one that is looked at with each: three whole cycles have so many."""
+_FEWEST_JUDGED = 10
+"""For a verdict on one run."""
 _FEWEST_SAMPLES = 64
-_MOST_BLOCKS = 6
+_SLIPPED = 0.04
+"""Share of its speed by which a motor without a controller is followed; more is another scenario."""
+_SLOWEST = 0.5
+"""Of the fastest channel's rate: what is slower has too little in common with it."""
 _SHORTER = 0.01
 _OTHER_AMPLITUDE = 0.05
+_SAME_INSTANT = 0.01
+"""Of a sample: times are kept in whole ns."""
+_REACH, _KAISER, _PARTS = 32, 8.0, 1024
+"""Of the kernel between samples: how many to each side, the window's shape, parts of a sample."""
 _SETTLED_S = 1.0
 """What a run from rest shows of how the motion sets in."""
 _COUPLED = {"N", "m/s2"}
@@ -125,12 +122,16 @@ _COUPLED = {"N", "m/s2"}
 class RecordedCampaign:
     """A campaign with its `measured` fingerprints (blocks, numbers); `remarks` say what was lost or odd.
 
-    `scenarios` are the runs' scenario texts, `records` their channels at the rate of the setting, `sound`
-    says which samples of a run can be used. `chains` is what the first log says of its chains.
+    `paths` are the runs that are used, `scenarios` their scenario texts, `records` their channels at the rate
+    of the setting, `sound` says which samples of a run can be used. `chains` is what the first log says of
+    its chains. Every row of `measured` has a block of each run, those of a short run several times; `told` is
+    how many blocks of each run that is worth.
     """
 
     campaign: Campaign
     measured: NDArray[np.float32]
+    told: tuple[float, ...]
+    paths: tuple[Path, ...]
     remarks: tuple[str, ...]
     scenarios: tuple[str, ...]
     records: tuple[dict[str, Array], ...]
@@ -144,9 +145,9 @@ class _Run:
     twin: AnyTwin
     records: dict[str, Array]
     sound: NDArray[np.bool_]
-    rate: float
-    step: int
+    setting: RunSetting
     cycles: int
+    slip: float
     remarks: tuple[str, ...]
     left_out: tuple[str, ...]
     scenario: Scenario
@@ -163,7 +164,14 @@ def recorded(
     twice = sorted({str(path) for path in paths if [p.resolve() for p in paths].count(path.resolve()) > 1})
     if twice:
         raise ConfigurationError("campaign", [Problem("runs", ", ".join(twice), "each run once")])
-    runs = [_read(path) for path in paths]
+    runs, unusable = list[_Run](), list[RunUnusable]()
+    for path in paths:
+        try:
+            runs.append(_read(path))
+        except RunUnusable as error:
+            unusable.append(error)
+    if not runs:
+        raise LogError("; ".join(map(str, unusable)))
     # a copy under another name would count as a second run
     for first, second in combinations(runs, 2):
         shared = first.records.keys() & second.records.keys()
@@ -177,31 +185,36 @@ def recorded(
     problems = [problem for run in runs[1:] for problem in _other_rig(runs[0], run)]
     if problems:
         raise ConfigurationError("campaign", problems)
-    common = [name for name in runs[0].twin.channels if all(name in run.records for run in runs)]
-    plain = [setting_of(run.twin, common, run.rate, run.cycles, run.step) for run in runs]
-    settings = [looked_at(number, setting) for number, setting in enumerate(plain)]
-    if not settings[0].columns.coupled:
-        raise LogError(f"{paths[0]}: nothing but {', '.join(common)}; there is no response to compare")
-    campaign = Campaign(tuple(settings))
+    settings = [looked_at(number, run.setting) for number, run in enumerate(runs)]
     blocks = [setting.blocks_of(run.records, run.sound) for setting, run in zip(settings, runs, strict=True)]
-    count = min(_MOST_BLOCKS, *(len(each) for each in blocks))
-    parts = [[part.mean(axis=0) for part in np.array_split(each, count)] for each in blocks]
-    measured = np.concatenate([np.array(each, dtype=np.float32) for each in parts], axis=1)
-    remarks = []
+    count = max(map(len, blocks))
+    rows = [_rows(len(each), count) for each in blocks]
+    remarks = [f"{error.name} is left out: {error.why}" for error in unusable]
     for run in runs:
         effects = run.twin.model.effects.values()
         refused = [(effect.name, effect.refusal(run.twin)) for effect in effects]
         not_looked = [f"{name} was not looked for ({reason})" for name, reason in refused if reason]
         remarks += [f"{run.path.name}: {remark}" for remark in (*run.remarks, *not_looked)]
     return RecordedCampaign(
-        campaign,
-        measured,
-        tuple(remarks),
+        Campaign(tuple(settings)),
+        np.concatenate([each[at] for each, at in zip(blocks, rows, strict=True)], axis=1),
+        told=tuple(count**2 / float(np.sum(np.bincount(at) ** 2)) for at in rows),
+        paths=tuple(run.path for run in runs),
+        remarks=tuple(remarks),
         scenarios=tuple(run.scenario.text for run in runs),
         records=tuple(run.records for run in runs),
         sound=tuple(run.sound for run in runs),
         chains=runs[0].record,
     )
+
+
+def _rows(blocks: int, count: int) -> NDArray[np.intp]:
+    """Which of some blocks stand in `count` rows, evenly, and none in both halves of them."""
+    if blocks == 1 or count == 1:
+        return np.zeros(count, dtype=np.intp)
+    half, own = (count + 1) // 2, (blocks + 1) // 2
+    late = np.arange(count - half)
+    return np.concatenate([np.arange(half) * own // half, own + late * (blocks - own) // (count - half)])
 
 
 def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
@@ -232,19 +245,24 @@ class AloneRun:
 def recorded_alone(path: Path, longest_s: float) -> AloneRun:
     """The first seconds of a run; ConfigurationError or LogError for what cannot be used."""
     run = _read(path, longest_s)
+    if abs(run.slip) > FREQUENCY_TOLERANCE:
+        raise LogError(f"its mean speed is {_told_slip(run.slip)}, and a verdict holds for that one")
+    whole = run.cycles
+    if whole < _FEWEST_JUDGED:
+        raise LogError(f"{whole} sound cycles; a verdict needs {_FEWEST_JUDGED} at least")
     hertz = run.scenario.drive.cycle_hz
     twin = replace(run.twin, drive=run.twin.drive.at_cycle_hz(hertz))
     # wherever in its first cycle a run begins
     whole = min(
-        run.cycles, max(int(min(run.scenario.acquisition.duration, longest_s) * hertz) - 3, _FEWEST_CYCLES)
+        whole, max(int(min(run.scenario.acquisition.duration, longest_s) * hertz) - 3, _FEWEST_JUDGED)
     )
-    names = [name for name in twin.channels if name in run.records]
-    setting = setting_of(twin, names, run.rate, whole, run.step)
-    if not setting.columns.coupled:
-        raise LogError(f"nothing but {', '.join(names)}; there is no response to compare")
+    followed = run.setting
+    setting = setting_of(
+        twin, followed.columns.channels, followed.columns.rate, whole, followed.quiet, followed.reference
+    )
     sound = run.sound
     if run.scenario.acquisition.settle < setting.settle:  # nor has a simulated motion its start in it
-        sound = sound & (np.arange(len(sound)) >= _SETTLED_S * run.rate)
+        sound = sound & (np.arange(len(sound)) >= _SETTLED_S * setting.columns.rate)
     blocks = setting.blocks_of(run.records, sound)
     if not len(blocks):
         raise LogError(f"less than {setting.cycles} sound cycles together, once the motion has set in")
@@ -257,65 +275,117 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
         channels = log.channels("measured")
         twin = logged_twin(log, scenario)
         model = twin.model
-        if model.reference not in channels:
-            raise LogError(f"{path}: no {model.reference}; without it nobody knows the phase of a cycle")
         wanted = [name for name in twin.channels if name in channels]
         for name in wanted:
             unit = model.channel_unit(name)
             if channels[name].unit != unit:
-                raise LogError(f"{path}: {name} is in {channels[name].unit}, the twin's in {unit}")
+                raise RunUnusable(path, f"{name} is in {channels[name].unit}, the twin's in {unit}")
         ends = [end_s for end_s in (log.until_stop_s, longest_s) if end_s is not None]
         record = log.metadata.get("run", NOTHING)
         lost = lost_of(log, wanted, min(ends, default=None))
-        unfinished = []
-        if longest_s is not None:
-            whole_s = log.until_stop_s or log.end_s("measured", model.reference)
-            if whole_s > longest_s:
-                unfinished.append(f"only the first {longest_s:g} s of {whole_s:.4g} s were looked at")
-        if log.until_stop_s is not None:
-            unfinished.append(
-                f"stopped before its time, after {log.until_stop_s:.3g} s; the rest is not used"
-            )
-        if not log.complete:
-            reason = f" ({log.damage})" if log.damage else ""
-            unfinished += [f"the log was never finished, or cut{reason}; its whole blocks are used"]
-    table, sound, losses = usable(path, lost, model.reference)
-    step, records, kept = _resampled(path, table, sound, twin)
-    rate = table[model.reference].sample_rate / step
-    cycles = _cycles(path, twin, records[model.reference], rate)
-    drive = twin.drive.at_cycle_hz(cycles.frequency)
+        beside = twin.sensors.get(ENCODER_ANGLE.name)
+        if model.reference not in wanted and isinstance(beside, Encoder) and ENCODER_ANGLE.name in channels:
+            sent = lost_of(log, [ENCODER_ANGLE.name], min(ends, default=None))
+            lost[model.reference] = _turned(sent[ENCODER_ANGLE.name], beside)
+        unfinished = _unfinished(log, wanted, longest_s)
+    kept, losses = usable(lost)
+    reference = _reference(path, twin, wanted, lost, kept)
+    grid = _resampled(kept, twin, reference)
+    rate, records, sound = grid.rate, grid.records, grid.sound
+    cycles = _cycles(path, twin, reference, records[reference], rate)
+    slip = cycles.frequency / twin.drive.cycle_hz - 1
+    followed = replace(twin, drive=twin.drive.at_cycle_hz(cycles.frequency))
     # each with the half of the next that is looked at with it
     reach = cycles.length + cycles.length // 2
-    whole = sum(bool(kept[at : at + reach].all()) for at in cycles.starts(len(kept)))
+    whole = sum(bool(sound[at : at + reach].all()) for at in cycles.starts(len(sound)))
     if whole < _FEWEST_CYCLES:
         raise _too_few(path, whole)
-    remarks = (*unfinished, *losses, *_remarks(twin, channels, table, records))
-    left_out = tuple(name for name in wanted if name not in table)
-    followed = replace(twin, drive=drive)
-    return _Run(path, followed, records, kept, rate, step, whole, remarks, left_out, scenario, record)
+    names = [name for name in wanted if name in records]
+    setting = setting_of(followed, names, rate, whole, grid.quiet, reference)
+    if not setting.columns.coupled:
+        raise RunUnusable(path, f"nothing but {', '.join(names)}; there is no response to compare")
+    odd = [f"{name} is not used: its rate is too far below that of the others" for name in grid.slow]
+    if reference != model.reference or reference not in wanted:
+        told_by = reference if reference in wanted else ENCODER_ANGLE.name
+        odd.append(f"{told_by} tells the cycles in place of {model.reference}")
+    if abs(slip) > FREQUENCY_TOLERANCE:
+        odd.append(f"its mean speed is {_told_slip(slip)}; the twin runs as fast as the rig did")
+    remarks = (*unfinished, *losses, *odd, *_remarks(twin, channels, kept, records, reference))
+    left_out = tuple(name for name in wanted if name not in names)
+    return _Run(path, followed, records, sound, setting, whole, slip, remarks, left_out, scenario, record)
 
 
-def _too_few(path: Path, whole: int) -> LogError:
-    return LogError(f"{path}: {whole} sound cycles; a diagnosis needs {_FEWEST_CYCLES} whole ones at least")
+def _unfinished(log: LogReader, wanted: Sequence[str], longest_s: float | None) -> list[str]:
+    """What of a log is not looked at."""
+    found = []
+    if longest_s is not None:
+        whole_s = log.until_stop_s or (log.end_s("measured", wanted[0]) if wanted else 0.0)
+        if whole_s > longest_s:
+            found.append(f"only the first {longest_s:g} s of {whole_s:.4g} s were looked at")
+    if log.until_stop_s is not None:
+        found.append(f"stopped before its time, after {log.until_stop_s:.3g} s; the rest is not used")
+    if not log.complete:
+        reason = f" ({log.damage})" if log.damage else ""
+        found.append(f"the log was never finished, or cut{reason}; its whole blocks are used")
+    return found
+
+
+def _reference(
+    path: Path, twin: AnyTwin, measured: Sequence[str], lost: Mapping[str, Lossy], kept: Mapping[str, Lossy]
+) -> str:
+    """The best channel that tells the cycles; what stands for one that was not measured comes last."""
+    model = twin.model
+    names = [model.reference, *model.channels.with_role(*FOLLOWS)]
+    for name in sorted(names, key=lambda each: each not in measured):
+        if name in kept:
+            return name
+    if model.reference not in lost:
+        raise RunUnusable(path, f"no {model.reference}; without it nobody knows the phase of a cycle")
+    each = lost[model.reference]
+    raise RunUnusable(
+        path,
+        f"{each.lost.mean():.0%} of {model.reference} {' and '.join(each.why)}; "
+        "without it nobody knows the phase of a cycle",
+    )
+
+
+def _turned(sent: Lossy, encoder: Encoder) -> Lossy:
+    """The crank's angle by what an encoder beside the card sent: on average half a count less."""
+    own = np.asarray(sent.series.values, dtype=np.float64) + pi / encoder.counts
+    return replace(
+        sent, series=replace(sent.series, values=encoder.zero + (-own if encoder.backwards else own))
+    )
+
+
+def _told_slip(slip: float) -> str:
+    return f"{abs(slip):.2%} {'above' if slip > 0 else 'below'} the scenario's"
+
+
+def _too_few(path: Path, whole: int) -> RunUnusable:
+    return RunUnusable(
+        path,
+        f"{whole} sound cycles that half of the next one follows; a diagnosis needs {_FEWEST_CYCLES}, "
+        "which three whole ones in a row have",
+    )
 
 
 def _remarks(
     twin: AnyTwin,
     channels: Mapping[str, Channel],
-    table: Mapping[str, SampleBlock],
+    table: Mapping[str, Lossy],
     records: Mapping[str, Array],
+    reference: str,
 ) -> tuple[str, ...]:
     """What is lost of a run, and what of it contradicts its scenario."""
     remarks = [
         f"no {name}: what only it shows cannot be found" for name in twin.channels if name not in channels
     ]
-    longest = max(series.end_sample for series in table.values())
-    for name, series in table.items():
-        if series.end_sample < (1 - _SHORTER) * longest:
-            remarks.append(
-                f"{name} ends after {series.end_sample / series.sample_rate:.3g} s; the rest is not used"
-            )
-    reference = twin.model.reference
+    ends = {name: each.series.end_sample / each.series.sample_rate for name, each in table.items()}
+    remarks += [
+        f"{name} ends after {end_s:.3g} s; the rest is not used"
+        for name, end_s in ends.items()
+        if end_s < (1 - _SHORTER) * max(ends.values())
+    ]
     if reference in twin.model.smooth(twin.rig):
         shown = float(np.sqrt(2) * np.std(records[reference]))
         if abs(shown / twin.drive.amplitude - 1) > _OTHER_AMPLITUDE:
@@ -326,58 +396,137 @@ def _remarks(
     return tuple(remarks)
 
 
-def _cycles(path: Path, twin: AnyTwin, reference: Array, rate: float) -> Cycles:
-    """The measured cycles; raises LogError where they are not the scenario's."""
+def _cycles(path: Path, twin: AnyTwin, reference: str, values: Array, rate: float) -> Cycles:
+    """The measured cycles; raises RunUnusable where they are not the scenario's."""
     model = twin.model
     nominal = twin.drive.cycle_hz
     if rate / nominal < _FEWEST_SAMPLES:
-        raise LogError(f"{path}: {rate / nominal:.3g} samples a cycle; a diagnosis needs {_FEWEST_SAMPLES}")
-    if len(reference) * nominal / rate < _FEWEST_CYCLES:
-        raise _too_few(path, int(len(reference) * nominal / rate))
+        raise RunUnusable(path, f"{rate / nominal:.3g} samples a cycle; a diagnosis needs {_FEWEST_SAMPLES}")
+    if len(values) * nominal / rate < _FEWEST_CYCLES + 0.5:
+        raise _too_few(path, max(0, int(len(values) * nominal / rate - 0.5)))
+    # a motor may slip, a generator does not
+    tolerance = FREQUENCY_TOLERANCE if model.channels[reference].role is Role.DRIVE else _SLIPPED
     wrong = (
-        f"{path}: {model.reference} does not run at the scenario's {nominal:g} Hz within "
-        f"{100 * FREQUENCY_TOLERANCE:g} %; correct the scenario, or the channel"
+        f"{reference} does not run at the scenario's {nominal:g} Hz within "
+        f"{100 * tolerance:g} %; correct the scenario, or the channel"
     )
     try:
-        cycles = model.follow(reference, rate, nominal)
+        cycles = model.followed(reference)(values, rate, nominal)
     except ValueError as error:
-        raise LogError(f"{wrong} ({error})") from error
-    if abs(cycles.frequency / nominal - 1) > FREQUENCY_TOLERANCE:
-        raise LogError(f"{wrong} (it runs at {cycles.frequency:.6g} Hz)")
+        raise RunUnusable(path, f"{wrong} ({error})") from error
+    if abs(cycles.frequency / nominal - 1) > tolerance:
+        raise RunUnusable(path, f"{wrong} (it runs at {cycles.frequency:.6g} Hz)")
     return cycles
 
 
-def _resampled(
-    path: Path, table: dict[str, SampleBlock], sound: NDArray[np.bool_], twin: AnyTwin
-) -> tuple[int, dict[str, Array], NDArray[np.bool_]]:
-    """How many samples become one; records at about 25.6 kHz, by the filter of the simulated ones."""
-    rates = {series.sample_rate for series in table.values()}
-    if len(rates) > 1:
-        told = ", ".join(f"{rate:g} Hz" for rate in sorted(rates))
-        raise LogError(f"{path}: channels of different rates ({told}) cannot be compared")
-    rate = rates.pop()
-    step = max(1, round(rate / _RATE))
-    first, end = span(table)
-    count = (end - first) // step
-    records: dict[str, Array] = {}
-    for name, series in table.items():
-        values = series.values[first - series.first_sample : end - series.first_sample]
-        known = np.isfinite(values)
-        filled = np.where(known, np.asarray(values, dtype=np.float64), 0.0)
-        if known.any():  # straight lines over what is missing, so that filters and angles stay on course
-            at = np.arange(len(values))
-            filled[~known] = np.interp(at[~known], at[known], filled[known])
-        if step == 1 or isinstance(twin.sensors.get(name), Encoder):
-            records[name] = filled[: count * step : step]
-            continue
-        taps = anti_alias_taps(step, 0.0)
-        half = len(taps) // 2
-        records[name] = decimated(np.pad(filled, (half, half + step)), taps, step, count)
-    return step, records, np.all(sound[: count * step].reshape(count, step), axis=1)
+@dataclass(frozen=True, slots=True)
+class _OnGrid:
+    """All channels of a run at one `rate`; `quiet` is the share of each one's noise that is left.
+
+    `slow` are those that have too low a rate of their own.
+    """
+
+    rate: float
+    records: dict[str, Array]
+    sound: NDArray[np.bool_]
+    quiet: dict[str, float]
+    slow: tuple[str, ...]
 
 
-def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, step: int = 1) -> RunSetting:
-    """How a run of so many `whole` cycles is looked at, at `rate` Hz."""
+def _resampled(table: Mapping[str, Lossy], twin: AnyTwin, reference: str) -> _OnGrid:
+    """Records at about 25.6 kHz by the filter of the simulated ones, or at the lowest rate near that."""
+    steps = {name: max(1, round(each.series.sample_rate / _RATE)) for name, each in table.items()}
+    rates = {name: each.series.sample_rate / steps[name] for name, each in table.items()}
+    angles = {name for name in table if isinstance(twin.sensors.get(name), Encoder)} | {reference}
+    analog = {name: rate for name, rate in rates.items() if name not in angles} or rates
+    slow = tuple(name for name, rate in analog.items() if rate < _SLOWEST * max(analog.values()))
+    rate = min(rate for name, rate in analog.items() if name not in slow)
+    kept = {name: each for name, each in table.items() if name not in slow}
+    begin_ns = max(each.series.time_ns for each in kept.values())
+    begins = {name: _sample_at(each.series, begin_ns) for name, each in kept.items()}
+    count = min(
+        int((len(each.series.values) - begins[name]) * rate / each.series.sample_rate + 1e-6)
+        for name, each in kept.items()
+    )
+    count = max(count, 0)
+    records, sound, quiet = dict[str, Array](), np.ones(count, dtype=bool), dict[str, float]()
+    for name, each in kept.items():
+        own = each.series.sample_rate
+        at = begins[name] + own / rate * np.arange(count)
+        lost = np.concatenate([[0], np.cumsum(each.lost)])
+        first = np.floor(at + 1e-6).astype(np.intp)
+        end = np.minimum(np.ceil(at + own / rate - 1e-6).astype(np.intp), len(each.lost))
+        sound &= lost[np.maximum(end, first)] == lost[first]
+        values, smooth = _filled(each), name in angles
+        records[name], quiet[name] = _sampled(values, at, 1 if smooth else steps[name], own / rate, smooth)
+    return _OnGrid(rate, records, sound, quiet, slow)
+
+
+def _sample_at(series: SampleBlock, time_ns: int) -> float:
+    """Which of its samples (fractional) was taken then; whole where that is meant."""
+    at = (time_ns - series.time_ns) * series.sample_rate / NS_PER_S
+    return float(round(at)) if abs(at - round(at)) < _SAME_INSTANT else at
+
+
+def _filled(each: Lossy) -> NDArray[np.float64]:
+    """Straight lines over what is missing, so that filters and angles stay on course."""
+    values = np.asarray(each.series.values, dtype=np.float64)
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return np.where(known, values, 0.0)
+    at = np.arange(len(values))
+    return np.asarray(np.interp(at, at[known], values[known]))
+
+
+def _sampled(
+    values: NDArray[np.float64], at: Array, step: int, apart: float, smooth: bool
+) -> tuple[Array, float]:
+    """Values at places (fractional samples) that are `apart`, and the share of white noise's rms in them."""
+    whole = float(apart).is_integer() and float(at[0]).is_integer() if len(at) else True
+    if whole and (smooth or apart == 1):
+        return values[at.astype(np.intp)], 1.0
+    if smooth:
+        return np.asarray(np.interp(at, np.arange(len(values)), values)), 1.0
+    step = round(apart) if whole else step
+    taps, first = anti_alias_taps(step, 0.0), int(at[0])
+    half = len(taps) // 2
+    count = len(at) if whole else -(-(len(values) - first) // step)
+    padded = np.pad(values[first:], (half, half + step))
+    coarse = decimated(padded, taps, step, count) if step > 1 else values[first:]
+    left = float(np.sqrt(np.sum(taps**2))) if step > 1 else 1.0
+    if whole:
+        return coarse, left
+    share = min(1.0, step / apart)
+    return _between(coarse, (at - first) / step, share), left * float(np.sqrt(share))
+
+
+def _between(values: NDArray[np.float64], at: Array, cutoff: float) -> NDArray[np.float64]:
+    """Values at fractional places of what is band-limited, without what is above `cutoff` (of half the rate).
+
+    By a sinc under a Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.5).
+    """
+    half = ceil(_REACH / cutoff)
+    places = np.arange(1 - half, half + 1) - np.arange(_PARTS + 1)[:, None] / _PARTS
+    window = np.i0(_KAISER * np.sqrt(np.clip(1 - (places / half) ** 2, 0.0, None))) / np.i0(_KAISER)
+    kernels = np.ascontiguousarray((cutoff * np.sinc(cutoff * places) * window).T)
+    first = np.floor(at).astype(np.intp)
+    part = np.round((at - first) * _PARTS).astype(np.intp)
+    padded = np.pad(values, (half - 1, half + 1), mode="edge")
+    found = np.zeros(len(at))
+    for k, kernel in enumerate(kernels):
+        found += kernel[part] * padded[first + k]
+    return found
+
+
+def setting_of(
+    twin: AnyTwin,
+    channels: Sequence[str],
+    rate: float,
+    whole: int,
+    quiet: Mapping[str, float] = NOTHING,
+    reference: str = "",
+) -> RunSetting:
+    """How a run of so many `whole` cycles is looked at, at `rate` Hz; see `RunSetting`."""
     model = twin.model
     frequency = twin.drive.cycle_hz
     coupled = tuple(
@@ -387,6 +536,4 @@ def setting_of(twin: AnyTwin, channels: Sequence[str], rate: float, whole: int, 
     oversampling = 2 * max(1, round(model.fine_rate / rate / 2))
     angles = tuple(name for name in channels if isinstance(twin.sensors.get(name), Encoder))
     columns = Columns(tuple(channels), coupled, frequency, rate, angles)
-    # the share of white noise's rms that the filter before a decimation leaves
-    quiet = 1.0 if step == 1 else float(np.sqrt(np.sum(anti_alias_taps(step, 0.0) ** 2)))
-    return RunSetting(twin, columns, oversampling, cycles, quiet)
+    return RunSetting(twin, columns, oversampling, cycles, dict(quiet), reference)

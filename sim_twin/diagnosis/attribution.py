@@ -7,15 +7,15 @@ function of the effect's parameters, and the tails are a t distribution's, since
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
+from scipy.special import gammaln, logsumexp
 
-from sim_twin.diagnosis.cause import Hypothesis, allowed_by, parts_of, values_of
+from sim_twin.diagnosis.cause import Hypothesis, allowed_by, drawn, parts_of, values_of
 from sim_twin.diagnosis.emulator import Emulator
 from sim_twin.diagnosis.posterior import Posterior, integrate
 from sim_twin.diagnosis.space import Moments, Space
@@ -68,6 +68,35 @@ class Attribution:
         smaller = np.min([np.mean(single**2, axis=1, keepdims=True) for single, _ in singles], axis=0)
         return mean, np.sum([excess for _, excess in singles], axis=0) + _INTERPLAY * smaller
 
+    def glances(
+        self, pairs: Sequence[Hypothesis], measured: Array, rng: np.random.Generator, places: int = 256
+    ) -> Array:
+        """Roughly the logarithms of pairs' evidence, (pairs,), to tell which are worth a closer look.
+
+        Every cause is evaluated once, at places spread evenly; of two, all places of one go with all of the
+        other. Excess variances are taken at their mean.
+        """
+        seen: dict[Hypothesis, tuple[Array, Array]] = {}
+        for (cause,) in dict.fromkeys((cause,) for pair in pairs for cause in pair):
+            mean, excess = self._emulated((cause,), drawn((cause,), places, rng))
+            seen[cause,] = mean, excess.mean(axis=0)
+        found = []
+        for pair in pairs:
+            (one, more), (other, still) = (seen[cause,] for cause in pair)
+            variance = self.scatter + more + still
+            a, b = (measured - one) / np.sqrt(variance), other / np.sqrt(variance)
+            squares = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1)[None] - 2 * a @ b.T
+            logs = self._student(np.maximum(squares, 0.0), 0.5 * float(np.sum(np.log(variance))))
+            found.append(float(logsumexp(logs / TEMPER)) - 2 * np.log(places))
+        return np.array(found)
+
+    def _student(self, squares: Array, spread: Array | float) -> Array:
+        """Logarithm of Student's density in as many directions, by squares and half the log variances."""
+        size = len(self.scatter)
+        level = gammaln((_FREEDOM + size) / 2) - gammaln(_FREEDOM / 2)
+        level -= size / 2 * np.log(_FREEDOM * np.pi)
+        return np.asarray(level - spread - 0.5 * (_FREEDOM + size) * np.log1p(squares / _FREEDOM))
+
     def _emulated(self, hypothesis: Hypothesis, values: Array) -> tuple[Array, Array]:
         return self.emulators[hypothesis](coordinates_of(hypothesis, values))
 
@@ -77,13 +106,9 @@ class Attribution:
         def of(u: Array) -> Array:
             values = values_of(hypothesis, u)
             mean, excess = self.response(hypothesis, values)
-            # the logarithm of Student's density in so many directions
-            variance, size = self.scatter + excess, len(self.scatter)
+            variance = self.scatter + excess
             squares = np.sum((measured - mean) ** 2 / variance, axis=1)
-            spread = 0.5 * np.sum(np.log(variance), axis=1)
-            level = gammaln((_FREEDOM + size) / 2) - gammaln(_FREEDOM / 2)
-            level -= size / 2 * np.log(_FREEDOM * np.pi)
-            logs = level - spread - 0.5 * (_FREEDOM + size) * np.log1p(squares / _FREEDOM)
+            logs = self._student(squares, 0.5 * np.sum(np.log(variance), axis=1))
             return np.where(allowed_by(hypothesis, values), logs / TEMPER, _FORBIDDEN)
 
         return of

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import ceil, inf, pi
 from typing import TypeAlias
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.fingerprint import Columns, Layout
+from sim_twin.diagnosis.fingerprint import Columns, Crossed, Layout, Look
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
@@ -27,8 +26,6 @@ Array = NDArray[np.floating]
 Samples = NDArray[np.float32]
 Records: TypeAlias = dict[str, Array]
 """One run's channels at the setting's rate, each (n,)."""
-Showing: TypeAlias = Callable[[tuple[Named, ...]], Records]
-"""A simulated run's records, with what is wrong with its sensors besides."""
 _GUARD_S = 4e-3
 """Cut from both ends of a simulated record: a skew shifts its end into its start."""
 _SETTLE_S, _SETTLE_CYCLES = 0.5, 2.0
@@ -43,14 +40,16 @@ class RunSetting:
     """One run: the nominal `twin` in step with it, and how its records are looked at.
 
     `columns` say at which rate (Hz) and in which cycles; a block has `cycles` of them. The truth is computed
-    at `oversampling` times the rate. `quiet` is the share of the noise's rms that resampling left.
+    at `oversampling` times the rate. `quiet` is the share of each channel's rms of noise that resampling left
+    (else 1). `reference` tells the cycles; empty: the rig's own.
     """
 
     twin: AnyTwin
     columns: Columns
     oversampling: int
     cycles: int
-    quiet: float = 1.0
+    quiet: Mapping[str, float] = field(default_factory=dict)
+    reference: str = ""
 
     def samples(self, blocks: int) -> int:
         """How many samples hold so many blocks, wherever the first cycle begins."""
@@ -68,45 +67,71 @@ class RunSetting:
         latest = max((each.stages.delay for each in chains if each.stages is not None), default=0.0)
         return round(_GUARD_S * self.columns.rate) + int(latest * self.columns.rate)
 
-    def blocks_of_simulated(self, records: Mapping[str, Array], blocks: int) -> Samples | None:
-        """Fingerprints of simulated records, shape (blocks, numbers); None where they tell no such."""
-        found = self.blocks_of(self.inner(records))[:blocks]
-        return found if len(found) == blocks and np.isfinite(found).all() else None
-
     def inner(self, records: Mapping[str, Array]) -> Records:
         """Simulated records without their ends."""
         cut = slice(self._guard, -self._guard)
         return {name: record[cut] for name, record in records.items()}
 
     def cycles_in(self, records: Mapping[str, Array]) -> Cycles:
-        model = self.twin.model
-        return model.follow(records[model.reference], self.columns.rate, self.columns.frequency)
+        name = self.reference or self.twin.model.reference
+        return self.twin.model.followed(name)(records[name], self.columns.rate, self.columns.frequency)
 
-    def blocks_of(self, records: Mapping[str, Array], sound: NDArray[np.bool_] | None = None) -> Samples:
-        """Fingerprints of all whole blocks in `records`, each (n,), without cycles that are not `sound`."""
-        cycles = self.cycles_in(records)
-        starts, length = cycles.starts(len(records[self.twin.model.reference])), cycles.length
+    def blocks_of(
+        self,
+        records: Mapping[str, Array],
+        sound: NDArray[np.bool_] | None = None,
+        known: Known | None = None,
+    ) -> Samples:
+        """Fingerprints of all whole blocks in `records`, each (n,), without cycles that are not `sound`.
+
+        What records that are `known` have in common with these is not looked at again.
+        """
+        reference = records[self.reference or self.twin.model.reference]
+        if known is None or known.reference is not reference:
+            known = Known(reference)
+        if known.cycles is None:
+            known.cycles = self.cycles_in(records)
+        cycles = known.cycles
+        starts, length = cycles.starts(len(reference)), cycles.length
         if sound is not None:
             starts = starts[[bool(sound[at : at + length + length // 2].all()) for at in starts]]
         if len(starts) < self.cycles:
             return np.empty((0, 0), np.float32)
-        signals = []
+        looks = []
         for name in self.columns.channels:
             record = records[name]
-            if isinstance(self.twin.sensors.get(name), Encoder):  # told by how it swings about its mean line
-                line = cycles.phase + 2 * pi * cycles.frequency / cycles.rate * np.arange(len(record))
-                record = record - line
-            signals.append(np.asarray(record, np.float32))
-        table = self.columns.numbers(signals, starts, length)
+            if id(record) not in known.looks:
+                signal = record
+                if isinstance(self.twin.sensors.get(name), Encoder):  # by how it swings about its mean line
+                    signal = record - cycles.phases(len(record))
+                look = self.columns.look(name, np.asarray(signal, np.float32), starts, length)
+                known.looks[id(record)] = record, look
+            looks.append(known.looks[id(record)][1])
+        table = self.columns.table(looks, known.crossed)
         parts = range(0, len(table) - self.cycles + 1, self.cycles)
         return np.array([table.fingerprint(slice(first, first + self.cycles)) for first in parts])
 
 
+@dataclass(slots=True)
+class Known:
+    """What was made of records that one `reference` cuts: of each by its id, and of each two."""
+
+    reference: Array
+    cycles: Cycles | None = None
+    looks: dict[int, tuple[Array, Look]] = field(default_factory=dict)
+    crossed: dict[tuple[int, int], Crossed] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Some runs of one rig."""
+    """Some runs of one rig; `numbers` are theirs among those of a larger campaign, for what is drawn."""
 
     runs: tuple[RunSetting, ...]
+    numbers: tuple[int, ...] = ()
+
+    def only(self, numbers: tuple[int, ...]) -> Campaign:
+        """Some of the runs: what is observed of them is the same bits."""
+        return Campaign(tuple(self.runs[k] for k in numbers), numbers)
 
     @property
     def layout(self) -> Layout:
@@ -116,7 +141,8 @@ class Campaign:
     @property
     def causes(self) -> tuple[Cause, ...]:
         """Every effect that the rig can have, once for each channel in the records that it may sit on."""
-        twins, shown = [run.twin for run in self.runs], set(self.runs[0].columns.channels)
+        twins = [run.twin for run in self.runs]
+        shown = {name for run in self.runs for name in run.columns.channels}
         found = []
         for effect in twins[0].model.effects.values():
             if any(effect.refusal(twin) for twin in twins):
@@ -140,33 +166,34 @@ class Campaign:
         """Simulate some draws side by side."""
         found = [
             [
-                [show and setting.blocks_of_simulated(show(extra), draw.blocks) for extra in draw.sensing]
-                for draw, show in zip(draws, self._simulated(k, setting, draws), strict=True)
+                [None if motion is None else motion.blocks(extra, draw.blocks) for extra in draw.sensing]
+                for draw, motion in zip(draws, self._simulated(k, setting, draws), strict=True)
             ]
             for k, setting in enumerate(self.runs)
         ]
-        return [_joined([run[number] for run in found]) for number in range(len(draws))]
+        return [joined([run[number] for run in found]) for number in range(len(draws))]
 
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
         """What the channels of each run show, (runs, draws); None for a run that failed."""
         return [
-            [show and setting.inner(show(())) for show in self._simulated(k, setting, draws)]
+            [None if motion is None else motion.records(()) for motion in self._simulated(k, setting, draws)]
             for k, setting in enumerate(self.runs)
         ]
 
     def changed(self, number: int, effects: tuple[Named, ...]) -> AnyTwin:
         """The twin of a run with the effects of a draw in."""
-        twin = self.runs[number].twin
-        changed: AnyTwin = twin.model.with_effects(twin, effects)
+        setting = self.runs[number]
+        changed: AnyTwin = setting.twin.model.with_effects(setting.twin, _shown_in(setting, effects))
         return changed
 
-    def _simulated(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> Iterator[Showing | None]:
+    def _simulated(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> Iterator[_Motion | None]:
         """Each of some draws; None for one that failed."""
         variants, model = [], setting.twin.model
+        drawn = self.numbers[number] if self.numbers else number
         for draw in draws:
             # the same rig in every run, set up anew in each
             rig_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(0,)))
-            run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, number)))
+            run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, drawn)))
             twin = model.draw_healthy(self.changed(number, draw.effects), rig_rng, run_rng)
             variants.append(Variant(twin, float(run_rng.uniform(0, 2 * pi))))
         count = setting.samples(max(draw.blocks for draw in draws))
@@ -175,19 +202,50 @@ class Campaign:
             if one is None or not np.isfinite(one).all():
                 yield None
             else:
-                yield partial(_shown, setting, number, variant, draw, one)
+                yield _Motion(setting, variant.twin, draw.seed, drawn, one)
 
 
-def _shown(
-    setting: RunSetting, number: int, variant: Variant, draw: Draw, clean: NDArray[np.float64],
-    extra: tuple[Named, ...],
-) -> Records:  # fmt: skip
-    twin = variant.twin.model.with_effects(variant.twin, extra)
-    rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(2, number)))
-    stray = twin.model.stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
-    sensors = [twin.sensors[name] for name in twin.channels]
-    shown = through_chains(stray, sensors, setting.columns.rate, setting.quiet, rng)
-    return dict(zip(twin.channels, shown, strict=True))
+class _Motion:
+    """A simulated run; what one observation of it shows is worked out once for all that show the same."""
+
+    def __init__(
+        self, setting: RunSetting, twin: AnyTwin, seed: int, number: int, clean: NDArray[np.float64]
+    ) -> None:
+        self._setting, self._twin = setting, twin
+        rng = np.random.default_rng(SeedSequence(seed, spawn_key=(3,)))
+        self._rows = dict(zip(twin.channels, twin.model.stray(twin, clean, rng), strict=True))
+        rng = np.random.default_rng(SeedSequence(seed, spawn_key=(2, number)))
+        self._noises = {name: _noise(twin.sensors[name], clean.shape[1], rng) for name in twin.channels}
+        self._plain = self._through({name: twin.sensors[name] for name in twin.channels})
+        self._known = Known(self._plain[setting.reference or twin.model.reference])
+
+    def records(self, extra: tuple[Named, ...]) -> Records:
+        """What its channels show with what else is wrong with its sensors, without their ends."""
+        sensors = self._twin.model.with_effects(self._twin, _shown_in(self._setting, extra)).sensors
+        other = {name: sensors[name] for name in self._plain if sensors[name] != self._twin.sensors[name]}
+        return {**self._plain, **self._through(other)}
+
+    def blocks(self, extra: tuple[Named, ...], blocks: int) -> Samples | None:
+        """Fingerprints of them, shape (blocks, numbers); None where they tell no such."""
+        found = self._setting.blocks_of(self.records(extra), known=self._known)[:blocks]
+        return found if len(found) == blocks and np.isfinite(found).all() else None
+
+    def _through(self, sensors: Mapping[str, Sensor]) -> Records:
+        rate, quiet = self._setting.columns.rate, self._setting.quiet
+        shown = {
+            name: _through_chain(self._rows[name], sensor, rate, quiet.get(name, 1.0), self._noises[name])
+            for name, sensor in sensors.items()
+        }
+        return self._setting.inner(shown)
+
+
+def _shown_in(setting: RunSetting, effects: Sequence[Named]) -> list[Named]:
+    """Effects without those on channels that were not measured in this run."""
+    return [
+        (name, values)
+        for name, values in effects
+        if values.get("channel", "") in ("", *setting.twin.channels)
+    ]
 
 
 def through_chains(
@@ -198,22 +256,34 @@ def through_chains(
     Of the noise that they were recorded with, the share `quiet` (rms) is left at this `rate`. Each record is
     taken as one period, so that a high-pass is in its steady state.
     """
-    shown: list[Array] = []
-    for row, sensor in zip(clean, sensors, strict=True):
-        if isinstance(sensor, Encoder):
-            shown.append(sensor.shown(row))
-            continue
-        noise = np.float32(quiet * sensor.noise) * rng.standard_normal(len(row), np.float32)
-        if sensor.stages is not None:
-            own = np.float32(quiet * sensor.stages.floor) * rng.standard_normal(len(row), np.float32)
-            noise = _staged(row, noise, sensor, sensor.stages, rate) + own
-        elif row.any():
-            turned, length = _periodic(row)
-            turned *= _response(sensor, len(turned), rate / length)
-            noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
-        limited = noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit)
-        shown.append(limited if sensor.factor == 1 else np.float32(sensor.factor) * limited)
-    return shown
+    return [
+        _through_chain(row, sensor, rate, quiet, _noise(sensor, len(row), rng))
+        for row, sensor in zip(clean, sensors, strict=True)
+    ]
+
+
+_Noise: TypeAlias = tuple[NDArray[np.float32], ...]
+
+
+def _noise(sensor: Sensor, count: int, rng: np.random.Generator) -> _Noise:
+    """Of rms 1: the sensor's, and that of the input behind its stages."""
+    sources = 0 if isinstance(sensor, Encoder) else 1 if sensor.stages is None else 2
+    return tuple(rng.standard_normal(count, np.float32) for _ in range(sources))
+
+
+def _through_chain(row: Array, sensor: Sensor, rate: float, quiet: float, noises: _Noise) -> Array:
+    if isinstance(sensor, Encoder):
+        return sensor.shown(np.asarray(row, np.float64))
+    noise = np.float32(quiet * sensor.noise) * noises[0]
+    if sensor.stages is not None:
+        own = np.float32(quiet * sensor.stages.floor) * noises[1]
+        noise = _staged(row, noise, sensor, sensor.stages, rate) + own
+    elif row.any():
+        turned, length = _periodic(row)
+        turned *= _response(sensor, len(turned), rate / length)
+        noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
+    limited = noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit)
+    return limited if sensor.factor == 1 else np.float32(sensor.factor) * limited
 
 
 def _periodic(row: Array) -> tuple[NDArray[np.complex64], int]:
@@ -259,7 +329,7 @@ def _response(chain: SensorChain, count: int, resolution: float) -> NDArray[np.c
     return response.astype(np.complex64)
 
 
-def _joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:
+def joined(runs: Sequence[Sequence[Samples | None]]) -> Observed:
     """Of each observation, the fingerprints of all runs side by side."""
     together = zip(*runs, strict=True)
     return tuple(

@@ -69,15 +69,25 @@ def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     return Effort(motions - judge, judge)
 
 
-def diagnose(subject: Subject, measured: Blocks, effort: Effort, execute: Execute, seed: int) -> Findings:
+def diagnose(
+    subject: Subject,
+    measured: Blocks,
+    effort: Effort,
+    execute: Execute,
+    seed: int,
+    told: Sequence[float] = (),
+) -> Findings:
     """Diagnose `measured` fingerprints, shape (blocks, numbers); `execute` simulates.
+
+    `told`: how many blocks of each run they are worth, where one stands in several rows; empty: as many as
+    there are rows.
 
     Where gaps are judged on one half of the blocks, parameters were fitted to the other; in the answer they
     are fitted to all.
     """
     rng = np.random.default_rng(seed)
     library, counted = Library(), _Counted(execute)
-    search = Search(subject, measured, counted, rng, library, effort.search)
+    search = Search(subject, measured, counted, rng, library, effort.search, told)
     attribution, ranked = search.run()
     searched = counted.done / max(1, counted.asked)
     ranked = of_a_part(ranked, searched)

@@ -62,15 +62,25 @@ class Emulator:
         return kernel @ self.weights, excess
 
 
-def fitted(coordinates: Array, responses: Array) -> Emulator:
+def fitted(coordinates: Array, responses: Array, lengths: Array | None = None) -> Emulator:
     """Fit to `coordinates` (n, m) and `responses` (n, outputs) of about unit scatter; n of 4 at least.
 
-    Lengths and noises are those that predict each response best from the others; a shorter length has to do
-    so by more than one standard error (Hastie et al., The Elements of Statistical Learning, 2009, section
-    7.10): over few rigs it does so by chance.
+    Lengths (where none are given) and noises are those that predict each response best from the others; a
+    shorter length has to do so by more than one standard error (Hastie et al., The Elements of Statistical
+    Learning, 2009, section 7.10): over few rigs it does so by chance.
     """
     centre, scale = coordinates.mean(axis=0), coordinates.std(axis=0) + 1e-9
     x = (coordinates - centre) / scale
+    lengths = _lengths(x, responses) if lengths is None else lengths
+    best = _left_out(x, responses, lengths)
+    turned = (best.vectors.T @ responses) / (best.values[:, None] + best.noises)
+    weights = best.vectors @ turned
+    return Emulator(
+        centre, scale, lengths, x, weights, best.noises, best.values, best.vectors, best.residuals
+    )
+
+
+def _lengths(x: Array, responses: Array) -> Array:
     lengths = np.full(x.shape[1], _LENGTHS[0])
     best = _left_out(x, responses, lengths)
     for _ in range(2 if x.shape[1] > 1 else 1):
@@ -78,15 +88,13 @@ def fitted(coordinates: Array, responses: Array) -> Emulator:
             for length in _LENGTHS:
                 tried = lengths.copy()
                 tried[k] = length
+                if np.array_equal(tried, lengths):
+                    continue
                 found = _left_out(x, responses, tried)
                 less = best.losses - found.losses
                 if less.mean() > less.std(ddof=1) / np.sqrt(len(less)):
                     best, lengths = found, tried
-    turned = (best.vectors.T @ responses) / (best.values[:, None] + best.noises)
-    weights = best.vectors @ turned
-    return Emulator(
-        centre, scale, lengths, x, weights, best.noises, best.values, best.vectors, best.residuals
-    )
+    return lengths
 
 
 @dataclass(frozen=True, slots=True)

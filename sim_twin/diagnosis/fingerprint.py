@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, pairwise
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,29 +151,41 @@ class Columns:
 
     def numbers(self, records: Sequence[Array], starts: NDArray[np.intp], length: int) -> CycleTable:
         """Look at `records` of the channels, each (n,), in cycles of `length` samples from `starts` on."""
-        at = starts[:, None] + np.arange(length)
-        half = length // 2
-        window = np.hanning(length).astype(np.float32)
-        columns, spectra = [], {}
-        for name, record in zip(self.channels, records, strict=True):
-            cycles = record[at]
-            if name in self.angles:
-                columns.append(_course(cycles)[0])
-                continue
-            turned = fft.rfft(np.stack([cycles, record[at + half]]) * window, axis=2)
-            energy = np.mean(turned.real**2 + turned.imag**2, axis=0)
-            bands = np.add.reduceat(energy[:, : self.harmonics[-1]], self.harmonics[:-1], axis=1)
-            columns.append(np.concatenate([np.log(bands + _FAINT), *_course(cycles)], axis=1))
-            if name in self.coupled:
-                spectra[name] = turned
-        cross = [
-            self._in_octaves(spectra[one] * np.conj(spectra[other]))
-            for one, other in combinations(self.coupled, 2)
+        looks = [
+            self.look(name, record, starts, length)
+            for name, record in zip(self.channels, records, strict=True)
         ]
-        power = [self._in_octaves(np.abs(spectra[name]) ** 2) for name in self.coupled]
-        return CycleTable(np.concatenate(columns, axis=1), np.array(cross), np.array(power))
+        return self.table(looks, {})
 
-    def _in_octaves(self, density: NDArray[np.generic]) -> NDArray[np.generic]:
+    def look(self, name: str, record: Array, starts: NDArray[np.intp], length: int) -> Look:
+        """Look at the record (n,) of one channel."""
+        at = starts[:, None] + np.arange(length)
+        cycles = record[at]
+        if name in self.angles:
+            return Look(_course(cycles)[0])
+        window = np.hanning(length).astype(np.float32)
+        turned = fft.rfft(np.stack([cycles, record[at + length // 2]]) * window, axis=2)
+        energy = np.mean(turned.real**2 + turned.imag**2, axis=0)
+        bands = np.add.reduceat(energy[:, : self.harmonics[-1]], self.harmonics[:-1], axis=1)
+        values = np.concatenate([np.log(bands + _FAINT), *_course(cycles)], axis=1)
+        if name not in self.coupled:
+            return Look(values)
+        spectra = turned[:, :, : self.octaves[-1]]
+        return Look(values, spectra, self._in_octaves(np.abs(spectra) ** 2))
+
+    def table(self, looks: Sequence[Look], crossed: dict[tuple[int, int], Crossed]) -> CycleTable:
+        """What the channels show together; what two `looks` make stays in `crossed`."""
+        coupled = [look for look in looks if look.spectra is not None]
+        cross = []
+        for one, other in combinations(coupled, 2):
+            key = id(one), id(other)
+            if key not in crossed:
+                crossed[key] = one, other, self._in_octaves(one.spectra * np.conj(other.spectra))  # type: ignore[arg-type]
+            cross.append(crossed[key][2])
+        values = np.concatenate([look.values for look in looks], axis=1)
+        return CycleTable(values, np.array(cross), np.array([look.power for look in coupled]))
+
+    def _in_octaves(self, density: NDArray[Any]) -> NDArray[Any]:
         """Sums over the bands and both halves of each cycle, shape (cycles, bands)."""
         return np.add.reduceat(density[:, :, : self.octaves[-1]].sum(axis=0), self.octaves[:-1], axis=1)
 
@@ -213,16 +226,28 @@ class NarrowColumns(Columns):
         ]
         return (*spectra, *responses)
 
-    def numbers(self, records: Sequence[Array], starts: NDArray[np.intp], length: int) -> CycleTable:
-        table = Columns.numbers(self, records, starts, length)
-        at, window = starts[:, None] + np.arange(length), np.hanning(length).astype(np.float32)
-        shown = dict(zip(self.channels, records, strict=True))
-        lines = np.array([fft.rfft(shown[name][at] * window, axis=1) for name in self.coupled])
+    def table(self, looks: Sequence[Look], crossed: dict[tuple[int, int], Crossed]) -> CycleTable:
+        table = Columns.table(self, looks, crossed)
+        lines = np.array([look.spectra[0] for look in looks if look.spectra is not None])
         pairs = np.array(list(combinations(range(len(lines)), 2)) if self.alone else [], dtype=np.intp)
         one, other = pairs.reshape(-1, 2).T
         products = np.concatenate([np.abs(lines) ** 2, lines[other] * np.conj(lines[one])])
         inside = np.add.reduceat(products[:, :, : self.narrow[-1]], self.narrow[:-1], axis=2)
         return NarrowTable(table.values, table.cross, table.power, inside, one, self.alone)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """One channel, a row a cycle: `values` (cycles, columns); of a coupled one `spectra` (2, cycles, lines)
+    of both halves and `power` (cycles, bands)."""
+
+    values: Array
+    spectra: NDArray[np.complex64] | None = None
+    power: Array | None = None
+
+
+Crossed: TypeAlias = tuple[Look, Look, NDArray[Any]]
+"""Two looks and their cross spectra (cycles, bands)."""
 
 
 def _course(cycles: Array) -> tuple[Array, Array, Array]:

@@ -139,8 +139,11 @@ def fitted_rounds(
     measured: NDArray[np.float32],
     simulate: Execute,
     rng: np.random.Generator,
+    told: Sequence[float] = (),
 ) -> Iterator[Round]:
     """Round by round what `measured` fingerprints (blocks, numbers) say of the values.
+
+    `told`: how many blocks of each run they are worth; empty: as many as there are.
 
     `subject` takes a draw's values as its one effect, `VALUES`. Ends where nothing moves any more, or after
     the last round; () from `simulate` (no more time) ends it as well. Raises SimulationFailed where too few
@@ -159,7 +162,7 @@ def fitted_rounds(
                 f"only {len(library)} of {len(places)} rigs could be simulated",
                 "are the ranges of the values such as a rig can have?",
             )
-        found = _posterior(known, wider, library, moments, measured, rng)
+        found = _posterior(known, wider, library, moments, measured, rng, told)
         moved = np.abs(found.mean - known.mean) / np.maximum(found.deviation, 1e-9)
         still = bool(np.all(moved < _MOVED) and np.all(found.deviation > _NARROWED * known.deviation))
         converged = number + 1 >= FEWEST_ROUNDS and still
@@ -219,13 +222,16 @@ def _posterior(
     moments: Moments,
     measured: NDArray[np.float32],
     rng: np.random.Generator,
+    told: Sequence[float],
 ) -> Known:
     """What the rigs near `about` make of the measurement, for the prior of all values."""
     places, features = np.array(library.places), np.array(library.features)
     root = np.linalg.cholesky(about.covariance) * wider
     local = np.linalg.solve(root, (places - about.mean).T).T
     near = np.sum(local**2, axis=1) <= chi2.ppf(_NEAR, len(about.wides))
-    space, regression, response = _followed(local[near], features[near], moments, len(measured), rng)
+    space, regression, response = _followed(
+        local[near], features[near], moments, moments.worth(told, len(measured)), rng
+    )
     place = regression(space.scaled(moments(measured)).mean(axis=0)) - response.centre
     # the prior, standard normal in the places, in the local coordinates
     pull = response.slope.T @ response.precision
@@ -237,7 +243,7 @@ def _posterior(
 
 
 def _followed(
-    local: Array, features: Array, moments: Moments, blocks: int, rng: np.random.Generator
+    local: Array, features: Array, moments: Moments, blocks: Array, rng: np.random.Generator
 ) -> tuple[Space, Regression, Response]:
     """How rigs' features (n, blocks, features) follow their local places (n, values)."""
     space = space_of(features[:, 0], features[:0, 0], moments.tolerance, _DIRECTIONS)
@@ -259,7 +265,9 @@ def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.ra
     if len(library) < _FEWEST_OF_ALL / 2:
         raise SimulationFailed("hardly any rig could be simulated at that setting", "try another")
     moments = Moments(subject.layout)
-    response = _followed(np.array(library.places), np.array(library.features), moments, _BLOCKS, rng)[2]
+    response = _followed(
+        np.array(library.places), np.array(library.features), moments, moments.worth((), _BLOCKS), rng
+    )[2]
     covariance = np.linalg.inv(response.slope.T @ response.precision @ response.slope + np.eye(len(root)))
     return np.asarray(np.sqrt(np.diag(root @ covariance @ root.T)))
 

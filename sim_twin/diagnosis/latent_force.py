@@ -135,8 +135,7 @@ def _joints(
     count = min(int(_LONGEST_S * setting.columns.rate), *(len(record) for record in records.values()))
     kept = {name: record[:count] for name, record in records.items()}
     cycles = setting.cycles_in(kept)
-    turns = cycles.phase / (2 * np.pi) + cycles.frequency / cycles.rate * np.arange(count)
-    phase = np.asarray(turns % 1.0, dtype=np.float64)
+    phase = cycles.phases(count) / (2 * np.pi) % 1.0
     usable = np.ones(count, dtype=bool) if sound is None else sound[:count]
     joints = setting.twin.model.joint_records(setting.twin, kept, cycles)
     return {each.joint: _Seen(each, phase, usable) for each in joints}

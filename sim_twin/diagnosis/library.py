@@ -123,8 +123,8 @@ def order_of(
     return Order(tuple(draws), tuple(drawn))
 
 
-def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
-    """Make the most of a library for a measurement of so many `blocks`."""
+def learned(library: Library, moments: Moments, told: Sequence[float]) -> Attribution:
+    """Make the most of a library for a measurement of so many blocks of each run as are `told`."""
     healthy = [moments(each) for each in library.fingerprints(())]
     first = np.array([each[0] for each in healthy])
     known = {
@@ -140,17 +140,22 @@ def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
     rough = _whitening(space(first) - space(first).mean(axis=0), tolerated)
     y = {h: space(features) @ rough for h, features in known.items()}
     centre = (space(np.concatenate(healthy)) @ rough).mean(axis=0)
-    left = [space(first) @ rough - centre]
-    left += [_emulator(library, h, y[h] - centre).left_out for h in known if len(h) == 1]
+    roughly = {h: _emulator(library, h, y[h] - centre) for h in known if len(h) == 1}
+    left = [space(first) @ rough - centre, *(each.left_out for each in roughly.values())]
     residuals = np.clip(np.concatenate(left), -_FARTHEST, _FARTHEST)
     whitener = rough @ _whitening(residuals, rough.T @ tolerated @ rough)
 
-    scatter, turn = _scatter([space(each) @ whitener for each in healthy], blocks)
+    several = [space.scaled(each) for each in healthy if len(each) > 1]
+    within = np.concatenate([x - x.mean(axis=0) for x in several] or [first[:0]])
+    less = (1 - 1 / np.asarray(told))[moments.runs]
+    averaged = np.sqrt(less) * within @ space.basis @ whitener
+    freedom = sum(len(each) - 1 for each in several)
+    scatter, turn = _scatter(averaged, freedom, float(less.max()))
     whitener = whitener @ turn
     centre = (space(np.concatenate(healthy)) @ whitener).mean(axis=0)
     places = {h: space(features) @ whitener - centre for h, features in known.items()}
     singles: dict[Hypothesis, Emulator] = {
-        h: _emulator(library, h, place) for h, place in places.items() if len(h) == 1
+        h: _emulator(library, h, places[h], each.lengths) for h, each in roughly.items()
     }
     alone = Attribution(moments, space, whitener, centre, scatter, singles)
     pairs = {
@@ -161,8 +166,10 @@ def learned(library: Library, moments: Moments, blocks: int) -> Attribution:
     return replace(alone, emulators={**singles, **pairs})
 
 
-def _emulator(library: Library, hypothesis: Hypothesis, places: Array) -> Emulator:
-    return fitted(coordinates_of(hypothesis, library.values(hypothesis)), places)
+def _emulator(
+    library: Library, hypothesis: Hypothesis, places: Array, lengths: Array | None = None
+) -> Emulator:
+    return fitted(coordinates_of(hypothesis, library.values(hypothesis)), places, lengths)
 
 
 def _whitening(residuals: Array, tolerated: Array) -> Array:
@@ -176,16 +183,11 @@ def _whitening(residuals: Array, tolerated: Array) -> Array:
     return np.asarray(vectors / np.sqrt(lifted))
 
 
-def _scatter(healthy: Sequence[Array], blocks: int) -> tuple[Array, Array]:
-    """Variances of means over so many `blocks`, and the turn to directions in which they are independent.
+def _scatter(averaged: Array, freedom: int, most: float) -> tuple[Array, Array]:
+    """Variances of means over blocks, and the turn to directions in which they are independent.
 
-    What differs between the blocks of a rig is averaged, what differs between rigs is not.
+    What differs between the blocks of a rig is `averaged` (n, directions), at `most` so much of a variance of
+    1; what differs between rigs is not.
     """
-    several = [each for each in healthy if len(each) > 1]
-    size = healthy[0].shape[1]
-    if blocks < 2 or not several:
-        return np.ones(size), np.eye(size)
-    within = np.concatenate([each - each.mean(axis=0) for each in several])
-    freedom = sum(len(each) - 1 for each in several)
-    values, vectors = np.linalg.eigh(within.T @ within / freedom)
-    return np.maximum(1 - (1 - 1 / blocks) * np.clip(values, 0.0, 1.0), _LEAST_SCATTER), vectors
+    values, vectors = np.linalg.eigh(averaged.T @ averaged / max(freedom, 1))
+    return np.maximum(1 - np.clip(values, 0.0, most), _LEAST_SCATTER), vectors

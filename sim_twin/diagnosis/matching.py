@@ -77,15 +77,18 @@ def match(
     simulate: SimulateAll,
     count: int,
     rng: np.random.Generator,
+    told: Sequence[float] = (),
 ) -> Match:
     """Match the campaign's rig to its `measured` fingerprints (blocks, numbers), by `count` simulated rigs.
+
+    `told`: how many blocks of each run they are worth; empty: as many as there are.
 
     `simulate` has the campaign observe draws; () stands for one that there was no time for. Raises
     SimulationFailed where too few came out.
     """
     draws = healthy_draws(count, rng)
     rigs = simulated_rigs(campaign, draws, simulate(draws))
-    return match_among(rigs, Moments(campaign.layout), measured)
+    return match_among(rigs, Moments(campaign.layout), measured, told)
 
 
 def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence[Observed]) -> Rigs:
@@ -114,22 +117,24 @@ def matched_campaign(campaign: Campaign, matched: Matched) -> Campaign:
     return replace(campaign, runs=runs)
 
 
-def match_among(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> Match:
-    """Match `measured` fingerprints (blocks, numbers) by what simulated healthy rigs show."""
+def match_among(
+    rigs: Rigs, moments: Moments, measured: NDArray[np.floating], told: Sequence[float] = ()
+) -> Match:
+    """Match `measured` fingerprints (blocks, numbers) by what simulated healthy rigs show; see `match`."""
     space = space_of(rigs.features[:, 0], rigs.features[:0, 0], moments.tolerance, _DIRECTIONS)
     shown = space.scaled(rigs.features)
     seen = space.scaled(moments(measured))
     regression = regressed(shown.mean(axis=1), rigs.places)
-    response = response_of(rigs.places, regression, shown, len(seen))
+    response = response_of(rigs.places, regression, shown, moments.worth(told, len(seen)))
     place = regression(seen.mean(axis=0)) - response.centre
-    told = response.misfit(place[None])[0] / np.quantile(response.misfit(response.of_rigs), _RARE)
+    of_summary = response.misfit(place[None])[0] / np.quantile(response.misfit(response.of_rigs), _RARE)
     # how far the fingerprint lies from healthy rigs' in the directions in which these differ most
     centre = shown.mean(axis=1).mean(axis=0)
     along = (shown.mean(axis=1) - centre) @ space.basis
     scatter = np.sqrt(np.mean(along**2, axis=0))
     squares = np.mean((along / scatter) ** 2, axis=1)
     off = (seen.mean(axis=0) - centre) @ space.basis / scatter
-    misfit = max(told, float(np.mean(off**2) / np.quantile(squares, _RARE)))
+    misfit = max(of_summary, float(np.mean(off**2) / np.quantile(squares, _RARE)))
     return Match(response.posterior(place, rigs.names), float(misfit))
 
 
@@ -160,7 +165,7 @@ def summary_of(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> 
     space = space_of(rigs.features[:, 0], rigs.features[:0, 0], moments.tolerance, _DIRECTIONS)
     shown, seen = space.scaled(rigs.features), space.scaled(moments(measured))
     regression = regressed(shown.mean(axis=1), rigs.places)
-    response = response_of(rigs.places, regression, shown, len(seen))
+    response = response_of(rigs.places, regression, shown, moments.worth((), len(seen)))
     place = regression(seen.mean(axis=0)) - response.centre
     return Summary(place, response.slope, np.asarray(np.linalg.inv(response.precision)))
 
@@ -224,8 +229,8 @@ class Response:
         return np.asarray(np.mean(places * np.linalg.solve(spread, places.T).T, axis=1))
 
 
-def response_of(places: Array, regression: Regression, shown: Array, blocks: int) -> Response:
-    """How summaries of so many measured `blocks` follow the places."""
+def response_of(places: Array, regression: Regression, shown: Array, blocks: Array) -> Response:
+    """How summaries of so many measured `blocks` of each feature follow the places."""
     count, size = regression.left_out.shape
     given = np.column_stack([np.ones(count), places])
     solved = np.linalg.pinv(given)
@@ -233,9 +238,9 @@ def response_of(places: Array, regression: Regression, shown: Array, blocks: int
     leverage = np.sum(given * solved.T, axis=1)
     residual = (regression.left_out - given @ fit) / (1 - leverage[:, None])
     # what measured summaries scatter less than simulated ones, being of more blocks
-    apart = (shown[:, 0] - shown[:, 1]) @ regression.weights
-    of_a_block = apart.T @ apart / (2 * len(apart))
-    scatter = residual.T @ residual / count - np.asarray((1 / _BLOCKS - 1 / blocks) * of_a_block)
+    less = np.sqrt(np.maximum(1 / _BLOCKS - 1 / blocks, 0.0))
+    apart = (less * (shown[:, 0] - shown[:, 1])) @ regression.weights
+    scatter = residual.T @ residual / count - apart.T @ apart / (2 * len(apart))
     values, vectors = np.linalg.eigh(scatter)
     precision = (vectors / np.maximum(values, _LEAST_SCATTER * np.median(values))) @ vectors.T
     slope = fit[1:].T

@@ -116,7 +116,7 @@ def quantile(values: Array, weights: Array, share: float) -> float:
 
 @dataclass(slots=True)
 class Search:
-    """A library that grows towards what explains `measured` (blocks, numbers)."""
+    """A library that grows towards what explains `measured` (blocks, numbers), see `diagnose`."""
 
     subject: Subject
     measured: NDArray[np.float32]
@@ -124,6 +124,7 @@ class Search:
     rng: np.random.Generator
     library: Library
     motions: int
+    told: Sequence[float] = ()
 
     def run(self) -> tuple[Attribution, list[Ranked]]:
         """Spend the motions; the most probable hypothesis comes first."""
@@ -151,7 +152,9 @@ class Search:
 
     def learn(self) -> Attribution:
         """What the library says so far."""
-        return learned(self.library, Moments(self.subject.layout), len(self.measured))
+        moments = Moments(self.subject.layout)
+        each = [len(self.measured)] * (int(moments.runs.max()) + 1)
+        return learned(self.library, moments, self.told or each)
 
     def singles(self) -> list[Hypothesis]:
         """Nothing, and every effect alone."""
@@ -190,8 +193,10 @@ class Search:
             for second in causes[k + 1 :]
             if first.name != second.name or first.channel
         ]
-        found = [attribution.posterior(pair, place, self.rng, 0.5).log_evidence for pair in pairs]
-        return [pairs[k] for k in np.argsort(found)[::-1][:_PAIRS_LOOKED_AT]]
+        found = attribution.glances(pairs, place, self.rng)
+        best = [pairs[k] for k in np.argsort(found)[::-1][:_PAIRS_LOOKED_AT]]
+        # of a pair that was simulated more is known than the sum
+        return list(dict.fromkeys([*best, *(pair for pair in pairs if pair in attribution.emulators)]))
 
     def partners(self, leading: Ranked, motions: int, wider: float) -> Order:
         """The leading effect, as it may be here, with each other one that moves: their sum need not hold."""

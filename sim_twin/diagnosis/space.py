@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -36,8 +37,7 @@ class Moments:
     @cached_property
     def tolerance(self) -> Array:
         """Of each feature, in its unit."""
-        each = np.array([cell.tolerance for cell in self.layout.cells])
-        spread, alone = self._of_cells(each)
+        spread, alone = self._of_cells(np.array([cell.tolerance for cell in self.layout.cells]))
         return np.concatenate([spread, spread, alone])
 
     @cached_property
@@ -45,13 +45,22 @@ class Moments:
         """Which features go up and down together where programs differ: of one run, channel and figure."""
         names = [(cell.run, cell.channel, cell.what) for cell in self.layout.cells]
         numbers = {name: k for k, name in enumerate(dict.fromkeys(names))}
-        each = np.array([numbers[name] for name in names])
-        spread, alone = self._of_cells(each)
+        spread, alone = self._of_cells(np.array([numbers[name] for name in names]))
         return np.concatenate([spread, spread + len(numbers), alone])
 
     def _of_cells(self, each: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """What is said of each cell, for each distribution and for each number of the others."""
         return each[self._distributed], np.repeat(each, np.where(self._distributed, 0, self._sizes))
+
+    @cached_property
+    def runs(self) -> NDArray[np.intp]:
+        """Of which run each feature is."""
+        spread, alone = self._of_cells(np.array([cell.run for cell in self.layout.cells], dtype=np.intp))
+        return np.concatenate([spread, spread, alone])
+
+    def worth(self, told: Sequence[float], blocks: int) -> Array:
+        """How many blocks each feature's run is worth, by what is `told` of the runs; else all `blocks`."""
+        return np.asarray(told)[self.runs] if told else np.full(len(self.runs), float(blocks))
 
     @cached_property
     def _sizes(self) -> NDArray[np.intp]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sim_twin.effects import Catalogue, ParameterValues
 from sim_twin.healthy import Matched, Tolerance, drawn, moved
 from sim_twin.rigs.channel_table import ChannelTable
-from sim_twin.rigs.cycles import Cycles
+from sim_twin.rigs.cycles import FOLLOWS, Cycles, Follow
 from sim_twin.sensors import Sensor, oversampling
 from sim_twin.status import Status
 from sim_twin.stream import Truth, TwinStream
@@ -21,7 +21,6 @@ from sim_twin.twin import AnyTwin
 
 Array = NDArray[np.float64]
 SolverValues: TypeAlias = dict[str, float | int | None]
-Follow: TypeAlias = Callable[[NDArray[np.floating], float, float], Cycles]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +132,10 @@ class RigModel:
     def smooth(self, rig: Any) -> tuple[str, ...]:
         """The `smooth_channels` of a rig: what passes a gauge in the stinger is not smooth."""
         return () if getattr(rig, "stinger_gauge", False) else self.smooth_channels
+
+    def followed(self, name: str) -> Follow:
+        """How the cycles are found in the `reference`, or in another channel that tells them."""
+        return self.follow if name == self.reference else FOLLOWS[self.channels[name].role]
 
     @property
     def name(self) -> str:

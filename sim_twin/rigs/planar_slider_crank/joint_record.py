@@ -35,7 +35,7 @@ def joint_records(
     """
     rig = twin.rig
     count = min(len(record) for record in records.values())
-    theta = cycles.phase + 2 * np.pi * cycles.frequency / cycles.rate * np.arange(count)
+    theta = cycles.phases(count)
     r, length = rig.crank_length, rig.rod_length
     rod = np.sqrt(length**2 - (r * np.sin(theta)) ** 2)
     along = r * np.cos(theta) + rod - length

@@ -16,6 +16,7 @@ from daq.log import codec
 from daq.log.codec import decode_block
 from rig.diagnosis import health
 from rig.diagnosis.health import HEALTHY_RIGS, verdict_on
+from rig.diagnosis.kept import sources_of
 from rig.ensembles import Simulated, Workers
 from rig.session.progress import Screen, Terminal
 from sim_twin.diagnosis.fingerprint import Cell
@@ -96,8 +97,8 @@ def test_a_band_that_time_cut_short_is_not_kept(
 
 def test_a_band_hangs_on_the_code_of_a_rig_from_another_package(tmp_path: Path) -> None:
     def digest(file: Path) -> str:
-        health.sources_digest.cache_clear()
-        return health.sources_digest(str(file))
+        sources_of.cache_clear()
+        return sources_of(str(file))
 
     (tmp_path / "pendulum").mkdir()
     rig, physics, lone = (tmp_path / name for name in ("pendulum/rig.py", "pendulum/physics.py", "lone.py"))
@@ -172,7 +173,7 @@ def test_no_run_is_well_of_which_a_recorded_channel_is_lost(
 @pytest.mark.parametrize(
     ("seconds", "scenario", "why"),
     [
-        (0.3, RUN, "6 sound cycles; a diagnosis needs 10"),
+        (0.3, RUN, "5 sound cycles; a verdict needs 10"),
         (1.0, "", "no scenario in it"),
         (1.4, RUN.replace("duration", 'settle = "0 s"\nduration'), "once the motion has set in"),
     ],

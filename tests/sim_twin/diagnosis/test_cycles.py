@@ -137,3 +137,22 @@ def test_starts_are_every_rising_zero_with_a_cycle_and_a_half_behind_it(phase: f
 
 def test_a_record_shorter_than_a_cycle_has_no_starts() -> None:
     assert len(Cycles(20.0, 0.5, RATE).starts(1000)) == 0
+
+
+def drifting(share: float) -> Array:
+    """Angle of a crank at 4 turns a second that gains a share of its speed over the record."""
+    times = np.arange(COUNT) / RATE
+    return np.asarray(1.0 + 2 * np.pi * 4.0 * times * (1 + 0.5 * share * (times / SECONDS - 1)))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.03, -0.03])
+def test_cycles_of_a_speed_that_drifts_are_cut_where_they_begin(share: float) -> None:
+    angle = drifting(share)
+    swinging = np.floor((angle + 0.02 * np.sin(angle)) / COUNTED) * COUNTED
+    marked = mark_cycles(marker_voltage(angle), RATE, 4.0)
+    for found, off in ((angle_cycles(swinging, RATE, 0.0), 0.03), (marked, 0.01)):
+        starts = found.starts(COUNT)
+        assert len(starts) == len(angle_cycles(angle, RATE, 0.0).starts(COUNT))
+        # at the ends half a turn is looked at from one side; a straight line is 0.1 rad off there
+        assert np.abs(turned(angle[starts])).max() < off
+        assert np.abs(turned(found.phases(COUNT) - angle)[3200:-3200]).max() < 0.03

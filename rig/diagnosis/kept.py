@@ -1,0 +1,186 @@
+"""What was simulated of a run's setting, kept by content: a second look simulates nothing anew.
+
+A file of the cache holds fingerprints of one setting by their draws: a line that says which program made
+them, then records of digest, length, checksum and content, appended as they come.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import struct
+import zlib
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+import sim_twin
+from rig.ensembles import Simulated
+from rig.files.cache import cache_folder
+from sim_twin.diagnosis.campaign import Campaign, RunSetting, joined
+from sim_twin.diagnosis.fingerprint import Layout
+from sim_twin.diagnosis.subject import Draw, Observed
+
+Samples = NDArray[np.float32]
+_HEAD: Final = struct.Struct("<16sII")
+_SHAPE: Final = struct.Struct("<ii")
+_MOST_BYTES, _MOST_A_FILE = 2_000_000_000, 250_000_000
+"""Of all files; and of one, which is held in memory."""
+_DIGEST = 16
+
+
+class Kept:
+    """Has `simulated` observe draws of a campaign, except what is kept of each run.
+
+    `tell` hears of a cache that is not used. Takes the place of `simulated`.
+    """
+
+    def __init__(
+        self, campaign: Campaign, simulated: Simulated, model: str, tell: Callable[[str], None]
+    ) -> None:
+        self._campaign, self._simulated = campaign, simulated
+        folder = cache_folder() / "simulated"
+        _bounded(folder)
+        self._files = [
+            _KeptRuns(folder / f"{digest_of(number, *setting_told(run), model).hex()}.kept", run, tell)
+            for number, run in enumerate(campaign.runs)
+        ]
+
+    def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
+        """Observations of each draw in order; () for one that there was no time for."""
+        digests = [digest_of(draw) for draw in draws]
+        of_runs = [[file.known.get(digest) for file in self._files] for digest in digests]
+        lacking: dict[tuple[int, ...], list[int]] = {}
+        for at, known in enumerate(of_runs):
+            lacking.setdefault(tuple(k for k, one in enumerate(known) if one is None), []).append(at)
+        self._simulated.known(len(lacking.pop((), ())))
+        for runs, places in lacking.items():
+            sizes = [Layout(self._campaign.runs[k].columns.cells(k)).size for k in runs]
+            shown = self._simulated.of(self._campaign.only(runs), [draws[at] for at in places])
+            for at, each in zip(places, shown, strict=True):
+                for k, one in zip(runs, _apart(each, sizes), strict=True):
+                    of_runs[at][k] = one
+                    if one and all(blocks is not None for blocks in one):
+                        self._files[k].add(digests[at], one)
+        return [joined([one or () for one in each]) if all(each) else () for each in of_runs]
+
+
+def _apart(shown: Observed, sizes: Sequence[int]) -> list[Observed]:
+    """The fingerprints of each run out of those side by side."""
+    ends = np.cumsum(sizes)[:-1]
+    parts = [[None] * len(sizes) if each is None else np.split(each, ends, axis=1) for each in shown]
+    return [tuple(each[k] for each in parts) for k in range(len(sizes))]
+
+
+class _KeptRuns:
+    """What is known of one setting, by the digest of its draw."""
+
+    def __init__(self, path: Path, setting: RunSetting, tell: Callable[[str], None]) -> None:
+        self.known: dict[bytes, Observed] = {}
+        self._path, self._tell, self._works = path, tell, True
+        self._begin = version_of(setting).encode() + b"\n"
+        try:
+            content = path.read_bytes()
+        except OSError:
+            content = b""
+        if not content.startswith(self._begin) or len(content) > _MOST_A_FILE:
+            if content and len(content) <= _MOST_A_FILE:
+                tell(f"what was simulated before ({path}) is another version's; it is simulated again")
+            self._write(self._begin, "wb")
+            return
+        at = len(self._begin)
+        while at < len(content):
+            digest, size, checksum = _HEAD.unpack(content[at : at + _HEAD.size].ljust(_HEAD.size, b"\0"))
+            own = content[at + _HEAD.size : at + _HEAD.size + size]
+            if len(own) < size or not size or zlib.crc32(own, zlib.crc32(digest)) != checksum:
+                tell(f"what was simulated before ({path}) is damaged; what lies behind is simulated again")
+                self._write(content[:at], "wb")
+                return
+            self.known[digest] = _unpacked(own)
+            at += _HEAD.size + size
+
+    def add(self, digest: bytes, shown: Observed) -> None:
+        self.known[digest] = shown
+        own = _packed(shown)
+        self._write(_HEAD.pack(digest, len(own), zlib.crc32(own, zlib.crc32(digest))) + own, "ab")
+
+    def _write(self, content: bytes, mode: str) -> None:
+        if not self._works:
+            return
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with self._path.open(mode) as file:
+                file.write(content)
+        except OSError as error:
+            self._tell(f"what is simulated is not kept: {self._path}: {error.strerror}")
+            self._works = False
+
+
+def _packed(shown: Observed) -> bytes:
+    return b"".join(
+        _SHAPE.pack(*blocks.shape) + np.ascontiguousarray(blocks, "<f4").tobytes()
+        for blocks in shown
+        if blocks is not None
+    )
+
+
+def _unpacked(content: bytes) -> Observed:
+    shown, at = [], 0
+    while at < len(content):
+        rows, columns = _SHAPE.unpack_from(content, at)
+        at += _SHAPE.size
+        blocks = np.frombuffer(content, "<f4", rows * columns, at).reshape(rows, columns)
+        shown.append(blocks.astype(np.float32))
+        at += 4 * rows * columns
+    return tuple(shown)
+
+
+def _bounded(folder: Path) -> None:
+    """Remove what was written longest ago, until there is room."""
+    with suppress(OSError):
+        files = sorted(folder.glob("*.kept"), key=lambda each: -each.stat().st_mtime)
+        total = 0
+        for file in files:
+            total += file.stat().st_size
+            if total > _MOST_BYTES:
+                file.unlink()
+
+
+def digest_of(*told: object) -> bytes:
+    """Of the text of all that is told."""
+    return hashlib.sha256("\n".join(map(repr, told)).encode()).digest()[:_DIGEST]
+
+
+def setting_told(setting: RunSetting) -> tuple[object, ...]:
+    """All that the simulations of a run's setting follow from, beside the program."""
+    twin = setting.twin
+    return (
+        twin,
+        sorted(twin.sensors.items()),
+        setting.columns,
+        setting.oversampling,
+        setting.cycles,
+        sorted(setting.quiet.items()),
+        setting.reference,
+    )
+
+
+def version_of(setting: RunSetting) -> str:
+    """A digest of the program that simulates a setting."""
+    return sources_of(sim_twin.__file__)[:32] + sources_of(inspect.getfile(type(setting.twin.rig)))[:32]
+
+
+@cache
+def sources_of(module: str) -> str:
+    """A digest of a module's file and of all that is in its package."""
+    digest, root = hashlib.sha256(), Path(module)
+    while (root.parent / "__init__.py").exists():
+        root = root.parent
+    for file in sorted(root.rglob("*.py")) if root.is_dir() else [root]:
+        digest.update(file.relative_to(root.parent).as_posix().encode() + b"\n" + file.read_bytes())
+    return digest.hexdigest()
