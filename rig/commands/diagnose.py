@@ -32,6 +32,10 @@ def diagnose(
         float,
         typer.Option("--budget", min=10.0, metavar="SECONDS", help="What it takes two free cores, about."),
     ] = 120.0,
+    effort: Annotated[
+        float,
+        typer.Option("--effort", min=0.1, max=20.0, help="So many times what fits into the budget."),
+    ] = 1.0,
     machine: Json = False,
 ) -> None:
     from rig.diagnosis.diagnose_runs import diagnose_runs
@@ -39,7 +43,7 @@ def diagnose(
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     screen = Screen(Terminal(stderr=machine))
-    findings, files = diagnose_runs(runs, model, out, seed, budget, screen)
+    findings, files = diagnose_runs(runs, model, out, seed, budget, screen, effort)
     if machine:
         typer.echo(files["diagnosis"].read_text(encoding="utf-8"), nl=False)
         return

@@ -23,17 +23,19 @@ SCHEMA = "rattle.diagnosis/1"
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be diagnosed: the runs, the model of a calibration or None, seed and budget in s."""
+    """What is to be diagnosed: the runs, the model of a calibration or None, seed, budget in s, effort."""
 
     runs: Sequence[Path]
     model: Path | None
     seed: int
     budget_s: float
+    effort: float = 1.0
 
     def as_json(self) -> dict[str, Any]:
         model = None if self.model is None else str(self.model)
         software = f"rattle {version('rattle')}"
-        return {"software": software, "seed": self.seed, "budget_s": self.budget_s, "model": model}
+        cost = {"budget_s": self.budget_s, "effort": self.effort}
+        return {"software": software, "seed": self.seed, **cost, "model": model}
 
 
 def document(
