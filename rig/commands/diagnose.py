@@ -42,6 +42,12 @@ def diagnose(
             "--budget", min=10.0, metavar="SECONDS", help="What it takes two free cores, about; without 120."
         ),
     ] = None,
+    effort: Annotated[
+        float | None,
+        typer.Option(
+            "--effort", min=0.1, max=20.0, help="So many times what fits into the budget; without 1."
+        ),
+    ] = None,
     subject: Annotated[
         str | None,
         typer.Option(
@@ -66,11 +72,11 @@ def diagnose(
 
         _only_with("--subject", {"--seeds": seeds, "--rigs": rigs})
         runs = [is_log(run) for run in runs]
-        findings, files = diagnose_runs(runs, model, out, seed, budget or _BUDGET_S, screen)
+        findings, files = diagnose_runs(runs, model, out, seed, budget or _BUDGET_S, screen, effort or 1.0)
     else:
         from rig.diagnosis.own_rig import OwnRequest, diagnose_own
 
-        _only_with("rattle's own rigs", {"--model": model, "--budget": budget})
+        _only_with("rattle's own rigs", {"--model": model, "--budget": budget, "--effort": effort})
         findings, files = diagnose_own(OwnRequest(subject, runs, seed, seeds or _SEEDS, rigs), out, screen)
     if machine:
         typer.echo(files["diagnosis"].read_text(encoding="utf-8"), nl=False)

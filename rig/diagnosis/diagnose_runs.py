@@ -47,9 +47,17 @@ _OfCampaign: TypeAlias = Callable[[Campaign], Execute]
 
 
 def diagnose_runs(
-    runs: Sequence[Path], model: Path | None, out: Path, seed: int, budget_s: float, screen: Screen
+    runs: Sequence[Path],
+    model: Path | None,
+    out: Path,
+    seed: int,
+    budget_s: float,
+    screen: Screen,
+    effort: float = 1.0,
 ) -> tuple[Findings, dict[str, Path]]:
     """Diagnose a campaign, with a calibration's `model` of its rig where there is one.
+
+    `effort` times as much is simulated as fits into the budget of two cores, and it may take as long.
 
     Returns what it found and the files that say so, by what they are. Raises ConfigurationError or LogError
     for runs that cannot be used.
@@ -66,18 +74,19 @@ def diagnose_runs(
             pass
     except OSError as error:
         raise RattleError(f"cannot write to {out}: {error.strerror}") from error
-    effort = effort_for(data.campaign, budget_s)
-    work = work_of("diagnose", data.campaign, effort.motions)
-    with screen.bar("simulating", effort.motions, "rigs", work) as bar, worker_processes(cores()) as workers:
-        simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * budget_s, bar)
-        told = "" if model is None else model.read_text(encoding="utf-8")
-        kept = Kept(data.campaign, simulated, told, screen.warn)
+    planned = effort_for(data.campaign, effort * budget_s)
+    latest_s = max(1.0, effort) * budget_s
+    told = _text_of(model)
+    kept = Kept(data.campaign, told, screen.warn)
+    work = work_of("diagnose again" if kept.some else "diagnose", data.campaign, planned.motions)
+    with screen.bar("simulating", planned.motions, "rigs", work) as bar, worker_processes(cores()) as workers:
+        simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * latest_s, bar)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
-            findings = diagnose(data.campaign, data.measured, effort, kept, seed, data.told)
+            findings = diagnose(data.campaign, data.measured, planned, kept.by(simulated), seed, data.told)
 
-        def simulate(campaign: Campaign) -> Kept:
-            later = Simulated(campaign, workers.executor, began + _LAST * budget_s, lambda _: None)
-            return Kept(campaign, later, told, screen.warn)
+        def simulate(campaign: Campaign) -> Execute:
+            later = Simulated(campaign, workers.executor, began + _LAST * latest_s, lambda _: None)
+            return Kept(campaign, told, screen.warn).by(later)
 
         experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
     if simulated.cut_short:
@@ -92,15 +101,18 @@ def diagnose_runs(
         remarks.append(cut)
     if not findings.held_out:
         remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
-    columns, twin = data.campaign.runs[0].columns, data.campaign.runs[0].twin
-    response = twin.channels.index(columns.coupled[0])
-    reaches = [horizon_s(setting, response) for setting in data.campaign.runs]
+    twin = data.campaign.runs[0].twin
+    reaches = [
+        horizon_s(setting, setting.twin.channels.index(setting.columns.coupled[0]))
+        for setting in data.campaign.runs
+    ]
     reach = min((each for each in reaches if each is not None), default=None)
     forces = []
     if findings.unknown >= _UNKNOWN_ENOUGH:
         forces = latent_forces(data.campaign, data.records, data.sound, seed)
     catalogue = twin.model.effects
-    said = {**provenance(seed), "budget_s": budget_s, "model": None if model is None else str(model)}
+    asked = {"budget_s": budget_s, "effort": effort, "model": None if model is None else str(model)}
+    said = {**provenance(seed), **asked}
     units = {
         name: twin.model.channel_unit(name) for run in data.campaign.runs for name in run.columns.channels
     }
@@ -157,6 +169,10 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
     return replace(data, campaign=campaign_with_model(data.campaign, known, scenarios, screen.warn))
 
 
+def _text_of(model: Path | None) -> str:
+    return "" if model is None else model.read_text(encoding="utf-8")
+
+
 def _model_of(path: Path | None, data: RecordedCampaign) -> ModelFile | None:
     return None if path is None else load_model(path, data.campaign.runs[0].twin.model.name)
 
@@ -210,8 +226,8 @@ def measured_gap(
     given = () if effects is None else tuple(load_effects(effects, rig.effects))
     alone = given if len(given) > 1 else ()
     wanted = [((), _HEALTHY), *([(given, _REPAIRED)] if given else []), *(((one,), _ALONE) for one in alone)]
-    told = "" if model is None else model.read_text(encoding="utf-8")
-    healthy, *others = _simulated(data, wanted, seed, screen, told)
+    kept = Kept(data.campaign, _text_of(model), screen.warn)
+    healthy, *others = _simulated(data, wanted, seed, screen, kept)
     measure = gap_measure(healthy, data.campaign.layout)
     repaired = [np.array([blocks[0] for blocks in each], dtype=np.float64) for each in others]
     rng = np.random.default_rng([seed, 1])
@@ -230,7 +246,7 @@ def _simulated(
     wanted: Sequence[tuple[tuple[Named, ...], int]],
     seed: int,
     screen: Screen,
-    model: str,
+    kept: Kept,
 ) -> list[list[NDArray[np.float32]]]:
     """Fingerprints (blocks, numbers) of so many rigs with each set of effects."""
     rng = np.random.default_rng(seed)
@@ -239,10 +255,10 @@ def _simulated(
         for effects, count in wanted
         for _ in range(count)
     ]
-    work = work_of("simulate", data.campaign, len(draws))
+    work = work_of("simulate again" if kept.some else "simulate", data.campaign, len(draws))
     with screen.bar("simulating", len(draws), "rigs", work) as bar, worker_processes(cores()) as workers:
         simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar)
-        shown = iter(Kept(data.campaign, simulated, model, screen.warn)(draws))
+        shown = iter(kept.by(simulated)(draws))
     sets = [[each[0] for each in islice(shown, count) if each and each[0] is not None] for _, count in wanted]
     if any(len(each) < _FEWEST for each in sets):
         raise RattleError("too few rigs could be simulated for a gap")

@@ -12,7 +12,7 @@ import struct
 import zlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Final
 
@@ -24,7 +24,7 @@ from rig.ensembles import Simulated
 from rig.files.cache import cache_folder
 from sim_twin.diagnosis.campaign import Campaign, RunSetting, joined
 from sim_twin.diagnosis.fingerprint import Layout
-from sim_twin.diagnosis.subject import Draw, Observed
+from sim_twin.diagnosis.subject import Draw, Execute, Observed
 
 Samples = NDArray[np.float32]
 _HEAD: Final = struct.Struct("<16sII")
@@ -35,15 +35,13 @@ _DIGEST = 16
 
 
 class Kept:
-    """Has `simulated` observe draws of a campaign, except what is kept of each run.
+    """What is kept of each run of a campaign, under the text of a calibration's `model`.
 
-    `tell` hears of a cache that is not used. Takes the place of `simulated`.
+    `tell` hears of a cache that is not used.
     """
 
-    def __init__(
-        self, campaign: Campaign, simulated: Simulated, model: str, tell: Callable[[str], None]
-    ) -> None:
-        self._campaign, self._simulated = campaign, simulated
+    def __init__(self, campaign: Campaign, model: str, tell: Callable[[str], None]) -> None:
+        self._campaign = campaign
         folder = cache_folder() / "simulated"
         _bounded(folder)
         self._files = [
@@ -51,17 +49,25 @@ class Kept:
             for number, run in enumerate(campaign.runs)
         ]
 
-    def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
-        """Observations of each draw in order; () for one that there was no time for."""
+    @property
+    def some(self) -> bool:
+        """Whether anything is known of these runs."""
+        return any(file.known for file in self._files)
+
+    def by(self, simulated: Simulated) -> Execute:
+        """Has `simulated` observe draws, except what is kept of each run."""
+        return partial(self._observed, simulated)
+
+    def _observed(self, simulated: Simulated, draws: Sequence[Draw]) -> list[Observed]:
         digests = [digest_of(draw) for draw in draws]
         of_runs = [[file.known.get(digest) for file in self._files] for digest in digests]
         lacking: dict[tuple[int, ...], list[int]] = {}
         for at, known in enumerate(of_runs):
             lacking.setdefault(tuple(k for k, one in enumerate(known) if one is None), []).append(at)
-        self._simulated.known(len(lacking.pop((), ())))
+        simulated.known(len(lacking.pop((), ())))
         for runs, places in lacking.items():
             sizes = [Layout(self._campaign.runs[k].columns.cells(k)).size for k in runs]
-            shown = self._simulated.of(self._campaign.only(runs), [draws[at] for at in places])
+            shown = simulated.of(self._campaign.only(runs), [draws[at] for at in places])
             for at, each in zip(places, shown, strict=True):
                 for k, one in zip(runs, _apart(each, sizes), strict=True):
                     of_runs[at][k] = one

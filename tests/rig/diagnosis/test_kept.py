@@ -50,7 +50,7 @@ def looked(campaign: Campaign, draws: Sequence[Draw] = DRAWS, model: str = "") -
             return super().of(subject, draws)
 
     simulated = Counted(campaign, Here(), time.monotonic() + LATER, lambda _: None)
-    return Kept(campaign, simulated, model, told.append)(draws), simulated_runs, told
+    return Kept(campaign, model, told.append).by(simulated)(draws), simulated_runs, told
 
 
 def same(one: Sequence[Observed], other: Sequence[Observed]) -> bool:
