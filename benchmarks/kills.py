@@ -142,9 +142,11 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     lost: list[float] = []
-    for number, (rig, stream, seconds, _) in enumerate(worst_lost(arguments.kills, arguments.seed)):
+    for number, (rig, stream, seconds, late) in enumerate(worst_lost(arguments.kills, arguments.seed)):
         lost.append(seconds)
-        print(f"{number + 1:4} {rig:22} {stream:22} {seconds:.3f} s", flush=True)
+        print(
+            f"{number + 1:4} {rig:22} {stream:26} {seconds:.3f} s, came up to {late:.3f} s late", flush=True
+        )
     print(
         f"all {len(lost)} recovered; lost at most {max(lost):.3f} s, median {np.median(lost):.3f} s"
         f" (bar {MOST_LOST_S:g} s); more than that: below {3 / len(lost):.2g} of all (95 %)"

@@ -15,14 +15,13 @@ from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import RecorderFailed
 from daq.log.records import LEAST_FREE_BYTES, ClockRecord, Event, Gap, Impact
-from daq.log.writer import LogWriter
+from daq.log.writer import LOOK_S, LogWriter
 
 _QUEUE_ITEMS = 1 << 16
 """12 s of 64 channels, measured and predicted, with two figures of each, in blocks of 75 ms: longer than a
 disk stalls. A second takes up to 26 MB."""
 SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
 _SHORT_S = 60.0  # of what it has been told to write: so long before it stops a recording says so
-_IDLE_S = 0.1  # how often a chunk's age is looked at while no block comes
 _HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended
 
 
@@ -168,7 +167,7 @@ class Recorder:
         broken = False
         while True:
             try:
-                write = self._queue.get(timeout=_IDLE_S)
+                write = self._queue.get(timeout=LOOK_S)
             except queue.Empty:
                 write = partial(self._writer.flush_if_older, self._clock.unix_ns())
             if write is None:

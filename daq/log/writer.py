@@ -22,6 +22,7 @@ from daq.log.codec import embedded_schema
 from daq.log.records import CHECKSUM_OPCODE, ClockRecord, Event, Gap, Impact
 
 MAXIMUM_CHUNK_AGE_S = 0.25  # the format's: no crash costs more than what the last chunk holds
+LOOK_S = 0.1  # how often its age is looked at, at least
 _CHUNK_BYTES = 1 << 20
 _NEVER_BY_ITSELF = 1 << 62
 """The package ends no chunk: who ends it has to open the next with its declarations."""
@@ -151,11 +152,13 @@ class LogWriter:
         self._record("/impact", "Impact", impact, host_ns)
 
     def flush_if_older(self, host_ns: int) -> None:
-        """End the chunk if it is older than 0.25 s; to be called now and then when no block comes."""
+        """End the chunk if 0.25 s would be over before the next look; called every 0.1 s if no block comes."""
         if not self._chunk_opened_ns:
             return
         age_ns = host_ns - self._chunk_opened_ns
-        if not 0 <= age_ns < MAXIMUM_CHUNK_AGE_S * NS_PER_S:  # negative: the host's clock was set back
+        if (
+            not 0 <= age_ns < (MAXIMUM_CHUNK_AGE_S - LOOK_S) * NS_PER_S
+        ):  # negative: the host's clock was set back
             self._end_chunk()
 
     def sync(self) -> None:
