@@ -316,6 +316,8 @@ def test_a_cut_does_not_wait_for_the_ramp_of_a_stop() -> None:
         assert bench.line.writes()[written:] == [ZERO, STOP]
         await asyncio.gather(stop, cut)
         assert bench.poller.error is None
+        codes = [notice.code for notice in bench.notices.take()]
+        assert codes[-3:] == ["inverter.ramp", "inverter.cut", "inverter.off"]
 
     on_bench(work, parameters=COASTS)
 
