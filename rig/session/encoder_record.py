@@ -262,7 +262,7 @@ class EncoderRecord:
         behind = min(int(max((stretch.card_s - self._end_s) / period_s, 0.0)), stretch.missing)
         self._until = stretch.number + high - behind
         self._tell_missing(stretch.number - behind)
-        if high > low:
+        if self._first is not None and high > low:
             values = stretch.angle_rad[low:high] - self._turned_off
             time_ns, first = self._base.unix_ns(float(times[low])), stretch.number + low - self._first
             block = SampleBlock(ENCODER_CHANNEL, first, time_ns, 1.0 / period_s, values, stretch.flags)
