@@ -152,7 +152,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "encoder.pre_operational": Fault("F29", "is back in pre-operational", _LOST),
     "encoder.restart": Fault("F29", "boots anew", _LOST),
     "disk.stalls": Fault("F14", "takes nothing `for` s", "nothing is lost", {"for": 10.0}),
-    "disk.slow": Fault("F15", "takes `rate` bytes/s at most", "exit 1: slower than the data", {"rate": 1e5}),
+    "disk.slow": Fault("F15", "takes `rate` bytes/s at most", "nothing is lost, or exit 1 after minutes: slower than the data", {"rate": 1e5}),
     "disk.full": Fault("F16", "takes `bytes` more", "exit 1; the log is readable", {"bytes": 1e6}),
     "disk.fails": Fault("F17", "every write fails", "exit 1; the log is readable"),
 }  # fmt: skip
