@@ -108,7 +108,9 @@ class Recorder:
         if self._thread.is_alive():
             try:
                 self._queue.put(None, timeout=_HUNG_DISK_S)
-                self._thread.join(_HUNG_DISK_S)
+                waits = -1
+                while self._thread.is_alive() and waits != (waits := self._queue.qsize()):
+                    self._thread.join(_HUNG_DISK_S)  # one that is slow has all of it in the end
             except queue.Full:
                 pass
             self._closing.set()

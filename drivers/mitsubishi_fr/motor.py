@@ -41,12 +41,14 @@ class OvertakenOrder(Exception):
 class Orders:
     """The last set frequency in Hz, whether to run, and by when the output has to be there (monotonic s).
 
-    `taken`: network operation was chosen, so the motor may turn because of us. `under_way` orders are being
-    given, `given` and `stops` count those that were.
+    `ran`: it was told to run, and has not been seen to run no more. `taken`: network operation was chosen, so
+    the motor may turn because of us. `under_way` orders are being given, `given` and `stops` count those that
+    were.
     """
 
     target_hz: float = 0.0
     run: bool = False
+    ran: bool = False
     taken: bool = False
     obey_by_s: float = 0.0
     under_way: int = 0
@@ -218,7 +220,7 @@ class Motor:
             # A run command is never repeated blindly: without its answer, the status is read first.
             for _ in range(2):
                 errand.still_wanted(self._clock.monotonic_s(), expires_s)
-                self.orders.run = True
+                self.orders.run = self.orders.ran = True
                 if await self._talk.command(fr.STATUS_AND_COMMAND, Command.FORWARD, self._soon()):
                     break
                 status, _ = await self._talk.read(fr.STATUS_BLOCK, self._soon())
@@ -240,7 +242,6 @@ class Motor:
         Zero speed is asked for in either case: one of the two orders is enough.
         What `measured_hz` raises comes out of here once run is withdrawn.
         """
-        ran = self.orders.run
         with Errand(self.orders, is_stop=True):
             try:
                 if self.parameters.coasts:
@@ -255,7 +256,7 @@ class Motor:
                 text = f"not seen to ramp down, run is withdrawn: {error}"
                 self._notices.note("warning", "inverter.stop", text)
             finally:
-                await self._withdraw(ran)
+                await self._withdraw()
 
     async def withdraw(self) -> None:
         """Take the run command back at once and wait until the drive has stopped.
@@ -267,9 +268,8 @@ class Motor:
             does = coasts if self.parameters.coasts else "ramps down by itself (Pr.8)"
             text = f"run is withdrawn at once; by Pr.250 the motor {does}"
             self._notices.note("warning", "inverter.cut", text)
-        ran = self.orders.run
         with Errand(self.orders, is_stop=True):
-            await self._withdraw(ran)
+            await self._withdraw()
 
     async def hand_back(self) -> None:
         """Give a stopped drive back to its panel; in PU mode silence is no fault (H11: M)."""
@@ -346,8 +346,8 @@ class Motor:
             await asyncio.sleep(LOOK_AGAIN_S)
             state = await self.look()
 
-    async def _withdraw(self, ran: bool) -> None:
-        """Send that until it is seen to run no more; told as news where it `ran`."""
+    async def _withdraw(self) -> None:
+        """Send that until it is seen to run no more."""
         self.orders.run = False
         self._expect_ramp()
         why = "it still runs"
@@ -361,6 +361,7 @@ class Motor:
                     await asyncio.sleep(LOOK_AGAIN_S)
                     state = await self.look()
                 if not state.running:
+                    ran, self.orders.ran = self.orders.ran, False
                     if ran:
                         self._notices.note("info", "inverter.off", "run withdrawn")
                     return

@@ -216,6 +216,38 @@ def test_what_is_written_comes_to_the_disk_every_second(tmp_path: Path) -> None:
     assert len(synced) >= 3  # the last as it is closed
 
 
+class SlowWriter(LogWriter):
+    """Takes longer for the rest than a disk may say nothing, and a tenth of that for each block."""
+
+    def add_block(self, origin: str, block: SampleBlock, host_ns: int) -> None:
+        SystemClock().sleep(0.02)
+        super().add_block(origin, block, host_ns)
+
+
+def test_what_waits_at_the_end_is_written_however_slow_the_disk_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "_HUNG_DISK_S", 0.2)
+    with Recorder(SlowWriter(tmp_path / "log.mcap"), SystemClock()) as recorder:
+        record_ramp(recorder, 40)
+    (topic,) = verify_log(tmp_path / "log.mcap").topics
+    assert (topic.messages, topic.missing) == (40, 0)
+
+
+def test_a_disk_that_takes_nothing_more_at_the_end_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "_HUNG_DISK_S", 0.2)
+    go = threading.Event()
+    recorder = Recorder(StuckWriter(tmp_path / "log.mcap", go), SystemClock())
+    recorder.__enter__()
+    recorder.event(Event(START_NS, "info", "rig", "x", "the writer sticks"))
+    with pytest.raises(RecorderFailed, match="the disk does not answer; the end of the run is lost"):
+        recorder.close()
+    go.set()
+    recorder.close()
+
+
 def test_a_disk_that_stalls_while_it_syncs_costs_nothing(tmp_path: Path) -> None:
     stalled, go = threading.Event(), threading.Event()
 

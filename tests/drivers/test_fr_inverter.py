@@ -147,10 +147,11 @@ def test_a_stop_that_its_caller_cannot_wait_for_goes_on(
         inverter.set_speed(200.0)
         inverter.start()
         ends.await_output(lambda output: output.target > 0.0)
-        monkeypatch.setattr(_Open, "longest_stop_s", 0.1)
         # A shaft that seems to turn on holds the stop up for one and a half ramps, 0.5 s at least.
-        with pytest.raises(InstrumentSilent, match=r"its stop, which goes on, has not ended within 0\.1 s"):
-            inverter.stop(lambda: 200.0)
+        with monkeypatch.context() as patched:
+            patched.setattr(_Open, "longest_stop_s", 0.1)
+            with pytest.raises(InstrumentSilent, match=r"its stop, which goes on, has not ended within 0\.1"):
+                inverter.stop(lambda: 200.0)
         deadline_s = time.monotonic() + DEADLINE_S
         codes: list[str] = []
         while "inverter.off" not in codes:

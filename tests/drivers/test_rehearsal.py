@@ -141,6 +141,13 @@ def test_a_sensor_sticks_and_clips_for_as_long_as_it_was_told_to() -> None:
         )
 
 
+@pytest.mark.parametrize(
+    "name", [name for name, fault in FAULTS.items() if name.startswith("daq_card.") and fault.at_start]
+)
+def test_what_is_so_from_the_start_is_none_of_the_plants(name: str) -> None:
+    assert np.array_equal(shown(name), WHOLE)
+
+
 def test_marks_are_left_out_whole_and_as_many_as_were_asked_for() -> None:
     marker = shown("daq_card.marks_missing:share=0.3")[1].reshape(-1, 10)
     assert {tuple(each) for each in marker[:, :2].tolist()} == {(5.0, 5.0), (0.0, 0.0)}
