@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -56,10 +56,11 @@ def record() -> Samples:
 
 def speed(kind: Literal["rbf", "grnn"], units: int) -> Speed:
     """Of one core."""
-    samples, name = record(), {"rbf": "max_units", "grnn": "max_prototypes"}[kind]
+    samples = record()
+    most: dict[str, Any] = {{"rbf": "max_units", "grnn": "max_prototypes"}[kind]: units}
     with threadpool_limits(1):
         begun = time.process_time()
-        found = learnt(samples, "any", ("x", "y", "z"), "angle", kind, **{name: units})
+        found = learnt(samples, "any", ("x", "y", "z"), "angle", kind, **most)
         learnt_s = time.process_time() - begun
         spent = []
         for _ in range(3):
