@@ -26,7 +26,6 @@ from mcap.stream_reader import StreamReader
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.errors import LogError
-from daq.log import writer as writing
 from daq.log.codec import encode_block
 from daq.log.reader import LogReader
 from daq.log.records import Event
@@ -72,7 +71,7 @@ class _Watched(io.FileIO):
         super().__init__(path, "xb")
         self._recording = recording
 
-    def write(self, data: object) -> int:  # type: ignore[override]
+    def write(self, data: object) -> int:
         offset = self.tell()
         count = super().write(data)  # type: ignore[arg-type]
         written = bytes(memoryview(data)[:count])  # type: ignore[arg-type]
@@ -89,7 +88,7 @@ def record(path: Path, seconds: float, rng: np.random.Generator, closed: bool = 
 
     with (
         mock.patch.object(Path, "open", lambda self, mode: io.BufferedWriter(_Watched(self, recording))),
-        mock.patch.object(writing.os, "fdatasync", synced),
+        mock.patch("daq.log.writer.os.fdatasync", synced),
     ):
         log = LogWriter(path).open()
         log.add_metadata("scenario", {"toml": 'rig = "impact_beam"\n'})

@@ -60,6 +60,9 @@ class DrivenBeam:
         """Change the offset, V."""
         self._set(replace(self._settings, offset_v=offset_v))
 
+    def check(self) -> None:
+        """It puts out what it was told."""
+
     def shake(self, amplitude: float) -> None:
         """Change the amplitude, N."""
         self.set_amplitude(amplitude / self.per_volt)

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -65,7 +65,9 @@ def simulation(rig: ImpactBeam, frequency: float, forces_only: bool = True) -> S
     return made
 
 
-def peaks(base: Base, g_mm: float, frequency: float = 5.0, beam: str = "steel") -> Peaks:
+def peaks(
+    base: Base, g_mm: float, frequency: float = 5.0, beam: Literal["steel", "aluminium"] = "steel"
+) -> Peaks:
     """Peaks of contact force on `base`."""
     run = simulation(replace(nominal(beam), clearance=g_mm * 1e-3, base=base), frequency)
     start = run.advance(round(0.06 * RATE))

@@ -71,7 +71,7 @@ def _measure(arguments: argparse.Namespace, channels: int, folder: Path, port: i
         "--bench",
         str(bench),
         "--out",
-        folder,
+        str(folder),
     ]
     with sync_playwright() as playwright:
         run = subprocess.Popen(  # noqa: S603 - our own

@@ -101,7 +101,8 @@ def structures() -> dict[str, list[float]]:
     from sim_twin.rigs.impact_beam.model import FLEXURE_TRANSLATION, nominal
     from sim_twin.rigs.impact_beam.structure import resting, structure_of
 
-    steel, shaker = nominal(), {"shaker_mass": 0.02, "shaker_stiffness": 3e3, "shaker_damping": 20.0}
+    steel = nominal()
+    shaker: dict[str, Any] = {"shaker_mass": 0.02, "shaker_stiffness": 3e3, "shaker_damping": 20.0}
     rigs = {
         "steel beam": steel,
         "steel beam, flexure that translates": replace(steel, pivot_stiffness=FLEXURE_TRANSLATION),

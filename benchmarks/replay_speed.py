@@ -14,9 +14,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,8 @@ START_NS = 1_790_000_000_000_000_000
 BAR = 50.0
 DRIVE_HZ, CONTACT_S = 20.0, 1e-3
 STEP = 200.0 / 2**23
-LAG = 3
+LATE: Final[Mapping[Origin, int]] = {"measured": 0, "predicted": 3}
+"""Blocks by which an origin comes later."""
 NAMES = (
     "drive.force",
     "contact.force_upper",
@@ -109,13 +111,13 @@ def _command(log: Path) -> float:
 
 def write_log(path: Path, seconds: float) -> None:
     """As a run writes it: a prediction comes some blocks after its measurement."""
-    traces = {origin: _traces(origin) for origin in ("measured", "predicted")}
+    traces = {origin: _traces(origin) for origin in LATE}
     with LogWriter(path) as log:
         log.add_metadata("scenario", {"toml": SCENARIO})
         for origin in traces:
             for name in NAMES:
                 log.declare(origin, Channel(name, "N" if "force" in name else "m/s2"))
-        for number in range(round(seconds * RATE / BLOCK) + LAG):
+        for number in range(round(seconds * RATE / BLOCK) + max(LATE.values())):
             for origin, block in _due(number, round(seconds * RATE / BLOCK), traces):
                 log.add_block(origin, block, START_NS + number * 100_000_000)
 
@@ -123,7 +125,7 @@ def write_log(path: Path, seconds: float) -> None:
 def _due(
     number: int, blocks: int, traces: dict[Origin, NDArray[np.float32]]
 ) -> Iterator[tuple[Origin, SampleBlock]]:
-    for origin, late in (("measured", 0), ("predicted", LAG)):
+    for origin, late in LATE.items():
         if 0 <= number - late < blocks:
             first = (number - late) * BLOCK
             for name, row in zip(NAMES, traces[origin], strict=True):

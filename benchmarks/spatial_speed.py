@@ -100,7 +100,7 @@ def peer(rig: SpatialSliderCrank, integrator: str, step: float) -> tuple[Any, An
 def peaks_of_peer(rig: SpatialSliderCrank, integrator: str, step: float) -> np.ndarray:
     """Largest forces of the socket's first contacts, N."""
     model, data = peer(rig, integrator, step)
-    peaks, peak = [], 0.0
+    peaks, peak = list[float](), 0.0
     while len(peaks) < COMPARED and data.time < 0.05:
         mujoco.mj_step(model, data)
         limit = data.efc_force[data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON]

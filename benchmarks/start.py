@@ -106,9 +106,9 @@ def main() -> int:
         costs = [cost_of_first_sample(scenario, Path(folder)) for _ in range(arguments.runs)]
     cost = statistics.median(costs) if costs else 0.0
     if costs:
-        each = ", ".join(f"{cost:.2f}" for cost in costs)
-        bar = BARS["first sample"]
-        print(f"{'before first sample':<22} {cost:.2f} s of processor (bar {bar}; {each})")
+        told = ", ".join(f"{each:.2f}" for each in costs)
+        most = BARS["first sample"]
+        print(f"{'before first sample':<22} {cost:.2f} s of processor (bar {most}; {told})")
     print(f"{'load':<22} {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores")
     figures = {**seconds, "ratio": ratio, "first sample": cost}
     return 0 if all(figures[name] <= bar for name, bar in BARS.items()) else 1

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -56,9 +56,10 @@ def record() -> Samples:
 def speed(kind: Kind) -> Speed:
     """Of one core, with the units that `rattle surrogate train` gives it."""
     samples, (name, units) = record(), UNITS[kind]
+    most: dict[str, Any] = {name: units}
     with threadpool_limits(1):
         begun = time.process_time()
-        found = learnt(samples, "any", ("x", "y", "z"), "angle", kind, **{name: units})
+        found = learnt(samples, "any", ("x", "y", "z"), "angle", kind, **most)
         learnt_s = time.process_time() - begun
         spent = []
         for _ in range(3):

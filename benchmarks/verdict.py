@@ -107,13 +107,13 @@ def of_rig(name: str, runs: int, executor: Executor, screen: Screen) -> tuple[in
             Draw((cause.named(drawn((cause,), 1, rng)[0]),), int(rng.integers(2**40)), blocks=blocks)
             for cause in causes_now
         ]
-        for draw, each in zip(draws, executor.map(shown, [campaign] * len(draws), draws), strict=True):
-            if each is None or showing == runs:
+        for draw, found in zip(draws, executor.map(shown, [campaign] * len(draws), draws), strict=True):
+            if found is None or showing == runs:
                 continue
-            if np.abs((figures(campaign, each) - mean) / deviation).max() < FAR:
+            if np.abs((figures(campaign, found) - mean) / deviation).max() < FAR:
                 continue
             showing += 1
-            well, told = judge(campaign, band, each)
+            well, told = judge(campaign, band, found)
             seen += not well
             print(f"{name:22s} {draw.effects[0][0]:27s} {'MISSED' if well else 'seen':7s} {told}", flush=True)
     return false, seen

@@ -63,10 +63,11 @@ def samples(channel: str, origin: Origin, seconds: float) -> NDArray[np.float32]
 def _pulses(times: NDArray[np.float64], after_s: float, peak_n: float) -> NDArray[np.float64]:
     phase = times % (1 / DRIVE_HZ)
     first, second = (phase - after_s) / CONTACT_S, (phase - after_s - 0.003) / CONTACT_S
-    return peak_n * sum(
+    each = (
         strength * np.where((x > 0) & (x < 1), np.sin(np.pi * np.clip(x, 0, 1)), 0.0)
         for x, strength in ((first, 1.0), (second, 0.5))
     )
+    return peak_n * sum(each, np.zeros_like(times))
 
 
 def blocks(channels: Iterable[Channel], origin: Origin, seconds: float) -> Iterator[SampleBlock]:

@@ -31,7 +31,7 @@ def parts(run: RunRecord) -> list[Part]:
     for cell, name in enumerate(channels):
         unit = run.unit(name)
         unit = unit if unit.isalpha() else f"({unit or '-'})"
-        y = {"type": "log", "exponentformat": "power", "nticks": 6}
+        y = {"type": "log", "exponentformat": "power", "nticks": 4}
         x = {"type": "log", "dtick": 1}
         grid.axes(cell, f"{name}, {unit}²/Hz", "frequency, Hz", x_axis=x, y_axis=y, share_x_with=0)
         for origin in DRAWN:

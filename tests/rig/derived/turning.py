@@ -38,7 +38,7 @@ def turns(
     seconds: float, fluctuation: float = 0.0, speed_hz: float = SPEED_HZ, rate: float = RATE
 ) -> NDArray[np.float64]:
     """Turns at every sample: even, or with a speed that goes 1 + `fluctuation` cos(turn) about the mean."""
-    even = 0.25 + speed_hz * np.arange(round(seconds * rate)) / rate
+    even = np.asarray(0.25 + speed_hz * np.arange(round(seconds * rate)) / rate, np.float64)
     return even + fluctuation * np.sin(tau * even) / tau
 
 

@@ -8,7 +8,8 @@ import pytest
 from daq.channel import Channel
 from rig.report.page import write_report
 from rig.report.record import read_run
-from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.browser import browser_page, faults_of_texts, needs_chromium
+from tests.rig.live.test_page import COUNTS, SIZES, beam_channels
 from tests.rig.synthetic_run import CHANNELS, RATE, write_log
 
 pytestmark = [pytest.mark.browser, needs_chromium]
@@ -59,6 +60,21 @@ def test_the_first_impacts_are_drawn_sample_by_sample(tmp_path: Path) -> None:
     assert measured["highest"] == pytest.approx(40.0, rel=3e-3)
     assert predicted["highest"] == pytest.approx(36.0, rel=3e-3)
     assert measured["count"] > 2e-3 * RATE
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", COUNTS)
+def test_no_text_of_a_report_is_cut_or_lies_on_another(tmp_path: Path, count: int) -> None:
+    html = tmp_path / "report.html"
+    write_report(read_run(write_log(tmp_path / "run.mcap", 0.5, beam_channels(count))), html)
+    with browser_page() as page:
+        for width, height in SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            page.goto(html.as_uri())
+            page.wait_for_function("[...document.querySelectorAll('.plot')].every(plot => plot.calcdata)")
+            page.screenshot(path=tmp_path / f"{width}.png", full_page=True)
+            assert page.locator("svg text").count() > 10 * count
+            assert faults_of_texts(page, "section, header, nav") == []
 
 
 def test_markup_in_a_channel_name_runs_nothing_and_links_nowhere(tmp_path: Path) -> None:
