@@ -228,7 +228,8 @@ class Rehearsal:
     """What is still to come to one instrument; what every process can do it does itself."""
 
     def __init__(self, faults: Iterable[Rehearsed], seed: int = 0) -> None:
-        self._waiting = sorted(faults, key=lambda each: each.at_s)  # popped from the front: each comes once
+        to_come = (each for each in faults if not FAULTS[each.name].at_start)
+        self._waiting = sorted(to_come, key=lambda each: each.at_s)  # popped from the front: each comes once
         self.lot = random.Random(seed)  # noqa: S311 - a schedule, no secret
 
     def due(self, used_s: float) -> Iterator[Rehearsed]:
