@@ -100,6 +100,12 @@ def test_each_comes_once_when_its_time_has_come() -> None:
     assert not list(rehearsal.due(9.0))
 
 
+def test_what_is_there_from_the_start_does_not_come_again() -> None:
+    there = [rehearsed(name) for name, fault in FAULTS.items() if fault.at_start]
+    assert not list(Rehearsal(there).due(9.0))
+    assert np.array_equal(shown("daq_card.open:channel=contact.force"), WHOLE)
+
+
 class Steps:
     """A force that counts its samples, and a marker of 5 V for two samples in ten."""
 

@@ -1,0 +1,77 @@
+"""Every fault of the one table in a short run of its rig: it ends as is said there, with nothing lost unsaid.
+
+What each log holds is compared with what was sent after every test (tests/conftest.py).
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from daq.log.reader import LogReader
+from daq.log.records import RECORD_END, STOPPING
+from daq.log.recover import recover_log, verify_log
+from drivers.rehearsal import FAULTS, Rehearsed, rehearsed
+from tests.accounting import disk_failed
+from tests.end_to_end.command import rattle
+from tests.end_to_end.files import write_crank, write_scenario
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(400)]
+DEADLINE_S = 300.0
+SHAFT = {"daq_card.rolls_over", "daq_card.marks_missing"}
+"""Of the card, but of what only a crank has on it."""
+COMES_S = {"daq_card": 3.0, "signal_generator": 2.0, "disk": 0.0}
+"""After the first use of an instrument, within the record of a beam."""
+ON_A_CRANK_S = 4.5
+"""Up to speed, and trimmed or nearly."""
+
+
+def played(fault: Rehearsed, folder: Path) -> tuple[Path, Path]:
+    """Scenario and bench of the rig that has such an instrument, on which the fault comes."""
+    crank = fault.table not in COMES_S or fault.name in SHAFT
+    text = fault.name
+    if not FAULTS[fault.name].at_start:
+        text += f"@{ON_A_CRANK_S if crank else COMES_S[fault.table]:g}"
+    if "channel" in fault.known and not crank:
+        text += ":channel=yoke.force"  # with a supply of its own, and nothing is driven by it
+    tables = [fault.table] if fault.table in ("dc_supply", "encoder") else []
+    bench = "".join(f"[{table}]\nemulated = true\n" for table in tables)
+    (folder / "bench.toml").write_text(f'{bench}[emulation]\nseed = 7\nfaults = ["{text}"]\n')
+    file = folder / "scenario.toml"
+    scenario = write_crank(file, "planar_slider_crank", 4.0) if crank else write_scenario(file, 1.0, 3.0)
+    return scenario, folder / "bench.toml"
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_it_ends_as_the_table_says_and_every_sample_is_accounted_for(name: str, tmp_path: Path) -> None:
+    fault, seen = rehearsed(name), FAULTS[name].seen
+    scenario, bench = played(fault, tmp_path)
+    ended = rattle("run", scenario, "--bench", bench, "--out", tmp_path, deadline_s=DEADLINE_S)
+    said = f"{ended.out}{ended.err}"
+    if seen.startswith("refused"):
+        assert ended.code == 1, said
+        assert not list(tmp_path.glob("*.mcap"))
+        return
+    exits = re.match(r"exit (\d)", seen)
+    assert ended.code == (int(exits[1]) if exits else 0), said
+    may_be_on = re.findall(r"THE [A-Z]+ MAY STILL [A-Z]+", seen)
+    assert set(re.findall(r"THE [A-Z]+ MAY STILL [A-Z]+", ended.out)) == set(may_be_on), said
+    log = ended.log
+    with LogReader(log) as reader:
+        complete = reader.complete
+    if fault.table == "disk" and not complete:
+        recover_log(disk_failed(log), tmp_path / "recovered.mcap")
+        log = tmp_path / "recovered.mcap"
+    assert verify_log(log).sound
+    with LogReader(log) as reader:
+        codes = [event.code for event in reader.events()]
+        flagged = any(block.flags for _, block in reader.blocks("measured"))
+    if ended.code == 0:
+        assert {RECORD_END, "drive.off"} <= set(codes)
+    elif fault.table != "disk":  # which may take that no more
+        assert STOPPING in codes
+    for code in re.findall(r"`([a-z][^`]*)`", seen):
+        assert any(each.startswith(code.removesuffix("...")) for each in codes), (code, codes)
+    assert flagged or "flag" not in seen
