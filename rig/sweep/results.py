@@ -167,7 +167,8 @@ def _both(ended: PointState, mean: str, deviation: str, unit: str) -> str:
         for _, whose in _WHOSE
         if whose + mean in ended.figures
     ]
-    return " / ".join(told)
+    *first, last = told or [""]  # the unit is said once
+    return " / ".join([*(each.removesuffix(f" {as_written(unit)[1]}") for each in first), last])
 
 
 def _unit_of(sweep: Sweep) -> str:
@@ -177,7 +178,7 @@ def _unit_of(sweep: Sweep) -> str:
 
 def headings_of(sweep: Sweep) -> list[str]:
     """The headings of `rows_of`."""
-    peaks = [f"{what}, measured / predicted" for what, *_ in _SHOWN]
+    peaks = [f"{what} / predicted" for what, *_ in _SHOWN]
     return ["point", *(axis.key for axis in sweep.axes), "outcome", "impacts", *peaks, "drive held", "log"]
 
 

@@ -89,6 +89,7 @@ def test_taps_set_a_bench_right_and_no_actuator_is_reached(tmp_path: Path) -> No
                 link.sender.send(DriveSettings(True, float(row), 20.0, 0.0, SystemClock().monotonic_s()))
                 running.await_line("tap: ")
                 running.type("\n")
+            running.await_line("  yoke.force: inverted = true")  # what is typed before that is not its answer
             running.type("y\n")
             ended = running.end()
     assert (ended.code, ended.err) == (0, "")

@@ -82,7 +82,14 @@ def watched(count: int) -> Any:
     return SimpleNamespace(sensors=sensors, seen=seen, newest_unix_s=time.time())
 
 
-@pytest.mark.parametrize(("count", "asks"), [(6, True), (16, False), (40, False)])
+@pytest.mark.parametrize(
+    ("count", "asks"),
+    [
+        (6, True),
+        pytest.param(16, False, marks=pytest.mark.long),
+        pytest.param(40, False, marks=pytest.mark.long),
+    ],
+)
 def test_every_channel_is_told_and_nothing_is_cut(count: int, asks: bool, tmp_path: Path) -> None:
     says = ASKS if asks else "nothing is driven"
     with PageServer(0) as server, browser_page() as page:
