@@ -60,6 +60,7 @@ def test_the_rig_of_the_page_takes_forty_lines_at_most() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1200)
 @needs_chromium
 def test_the_rig_of_the_page_is_diagnosed_and_reported(call: Call, folder: Path) -> None:
     rig, drops = written(folder, drag=0.08)
@@ -91,6 +92,7 @@ def test_the_rig_of_the_page_is_diagnosed_and_reported(call: Call, folder: Path)
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1200)
 def test_an_installed_rig_is_diagnosed_from_python_by_its_name(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
