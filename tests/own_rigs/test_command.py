@@ -67,7 +67,7 @@ def test_the_rig_of_the_page_is_diagnosed_and_reported(call: Call, folder: Path)
     said = call("diagnose", "--subject", rig, drops, "--out", folder / "answer", "--seeds", 2)
     assert said.code == 0, said.err
     assert re.search(r"1[012] of 12 simulated rigs, most with a cause hidden, were taken for", said.out)
-    assert "with healthy rigs 0.5 times as wide" in said.out
+    assert "the same with 2 seeds and with narrower and wider healthy rigs" in said.out
     found = json.loads((folder / "answer" / "diagnosis.json").read_text())
     assert (found["verdict"], found["selected"]) == ("effect", ["drag"])
     low, high = found["effects"][0]["parameters"]["drag"]["ci95"]
