@@ -110,6 +110,10 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     remarks = [*checked.remarks, *_seeds(each, findings), *_widths(widths, findings), *_left(findings)]
     for remark in remarks[len(checked.remarks) :]:
         screen.warn(remark)
+    alike = [f"with {len(each)} seeds"] if len(each) > 1 and not _seeds(each, findings) else []
+    alike += ["with narrower and wider healthy rigs"] if widths and not _widths(widths, findings) else []
+    if alike:
+        screen.say(f"the same {' and '.join(alike)}")
     asked = {"subject": request.subject, "seeds": len(seeds), "rigs": rigs}
     said = {**provenance(request.seed), **asked}
     content = document(findings, {}, request.runs, said, None, None, time.monotonic() - began, remarks)

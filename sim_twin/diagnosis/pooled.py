@@ -55,5 +55,5 @@ def _judged(shown: Judged, each: Sequence[Findings]) -> Judged:
         )
         for name, found in shown.parameters.items()
     }
-    probability = float(np.mean([one.probability for one in same]))
-    return replace(shown, probability=probability, parameters=parameters)
+    probability, present = np.mean([[one.probability, one.present] for one in same], axis=0).tolist()
+    return replace(shown, probability=probability, present=present, parameters=parameters)

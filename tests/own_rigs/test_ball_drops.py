@@ -10,7 +10,7 @@ from tests.own_rigs import Verdict, needs_measured_sets
 from tests.own_rigs.ball_drop import HEIGHT, SUBJECT, TIME, fall, fingerprint
 from tests.own_rigs.conftest import Answer
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1200)]
 
 TIMES = np.arange(41) / 15
 LIGHT = (
@@ -52,7 +52,6 @@ def test_blocks_are_drops_of_the_same_ball() -> None:
 
 
 @needs_measured_sets
-@pytest.mark.timeout(1200)
 def test_drag_is_found_on_at_least_six_of_eight_light_balls(answer: Answer) -> None:
     found = {name: answer(name) for name in LIGHT}
     right = [name for name, given in found.items() if len(given.selected) == 1 and set(given.alike) in RIGHT]

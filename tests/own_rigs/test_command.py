@@ -60,13 +60,14 @@ def test_the_rig_of_the_page_takes_forty_lines_at_most() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1200)
 @needs_chromium
 def test_the_rig_of_the_page_is_diagnosed_and_reported(call: Call, folder: Path) -> None:
     rig, drops = written(folder, drag=0.08)
     said = call("diagnose", "--subject", rig, drops, "--out", folder / "answer", "--seeds", 2)
     assert said.code == 0, said.err
     assert re.search(r"1[012] of 12 simulated rigs, most with a cause hidden, were taken for", said.out)
-    assert "with healthy rigs 0.5 times as wide" in said.out
+    assert "the same with 2 seeds and with narrower and wider healthy rigs" in said.out
     found = json.loads((folder / "answer" / "diagnosis.json").read_text())
     assert (found["verdict"], found["selected"]) == ("effect", ["drag"])
     low, high = found["effects"][0]["parameters"]["drag"]["ci95"]
@@ -91,6 +92,7 @@ def test_the_rig_of_the_page_is_diagnosed_and_reported(call: Call, folder: Path)
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1200)
 def test_an_installed_rig_is_diagnosed_from_python_by_its_name(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:

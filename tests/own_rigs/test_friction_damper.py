@@ -10,7 +10,7 @@ from tests.own_rigs import needs_measured_sets
 from tests.own_rigs.conftest import Answer
 from tests.own_rigs.friction_damper import Damper, FrictionDamper
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1200)]
 
 RATE = 256.0
 AMPLITUDE = 0.025

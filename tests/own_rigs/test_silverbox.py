@@ -10,7 +10,7 @@ from tests.own_rigs import Verdict, needs_measured_sets
 from tests.own_rigs.conftest import Answer
 from tests.own_rigs.silverbox import RATE, Circuit, Silverbox
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1200)]
 
 LINEAR = Circuit(68.0, 0.05, 1.0)
 TIMES = np.arange(8640) / RATE

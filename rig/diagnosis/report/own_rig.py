@@ -44,10 +44,17 @@ def trust(case: Case) -> list[Part]:
         for one in case.diagnosis["found_again"]
     ]
     return [
-        Table(("seed", "verdict", "selected", *shares), by_seed, "The same with other simulated rigs"),
+        Table(
+            ("seed", "verdict", "selected", *shares),
+            by_seed,
+            "The same with other simulated rigs",
+            words=True,
+        ),
         Sentence(_WIDTHS if by_width else _NOT_ASKED),
-        Table(("healthy rigs", "verdict", "selected", *shares), by_width, "Width of healthy rigs"),
-        Table(("hidden", "found again", "else mostly taken for"), again, _AGAIN),
+        Table(
+            ("healthy rigs", "verdict", "selected", *shares), by_width, "Width of healthy rigs", words=True
+        ),
+        Table(("hidden", "found again", "else mostly taken for"), again, _AGAIN, words=True),
     ]
 
 

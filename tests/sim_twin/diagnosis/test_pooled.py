@@ -36,7 +36,9 @@ def test_an_interval_holds_what_other_seeds_found() -> None:
     first = sure.judged[0]
     shifted = replace(first.parameters["size"], value=9.0)
     other = replace(sure, judged=(replace(first, parameters={"size": shifted}), *sure.judged[1:]))
-    both = pooled([sure, other]).judged[0].parameters["size"]
+    whole = pooled([sure, other])
+    assert whole.judged[0].present == pytest.approx(first.present)
+    both = whole.judged[0].parameters["size"]
     assert (both.value, both.low, both.high) == (
         first.parameters["size"].value, first.parameters["size"].low, 9.0
     )  # fmt: skip
