@@ -336,13 +336,17 @@ def identify(
         known, converged = nothing_known(wides), False
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             rounds = fitted_rounds(campaign, wides, data.measured, simulate, np.random.default_rng(seed))
-            for number, each in enumerate(rounds, 1):
-                known, converged = each.known, each.converged
-                far = int(np.argmax(each.moved))
-                screen.say(
-                    f"round {number}: {each.rigs} rigs, {sum(known.told())} of {len(wides)} values told; "
-                    f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
-                )
+            try:
+                for number, each in enumerate(rounds, 1):
+                    known, converged = each.known, each.converged
+                    far = int(np.argmax(each.moved))
+                    screen.say(
+                        f"round {number}: {each.rigs} rigs, {sum(known.told())} of {len(wides)} values told; "
+                        f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
+                    )
+            except SimulationFailed:
+                if not simulate.cut_short:
+                    raise
         if simulate.cut_short:
             raise RattleError(
                 "time ran out before the values stood still: nothing was written. What was simulated is kept "
