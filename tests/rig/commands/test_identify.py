@@ -208,6 +208,7 @@ def test_a_model_file_gives_the_values(tmp_path: Path) -> None:
     [
         ('contact_stiffness = "2.4e7 N/m"', 'contact_stiffness = "2 N"', "model.contact_stiffness"),
         ("modal_damping = 0.02\n", "", "identified[2].key"),
+        ("modal_damping = 0.02", 'modal_damping = 0.02\nbeam = "aluminium"', "model.beam"),
         ("low = 2.3e7\n", "", "identified[1].low"),
         ("told = false", 'told = "no"', "identified[2].told"),
     ],
