@@ -74,10 +74,14 @@ def identify(
 def _show(found: Identification, rig: str, screen: Screen) -> None:
     from rig.diagnosis.identify import rows
 
-    table = Table("key", "found", "95 % interval", "was", "", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
+    for heading in ("key", "found", "95 % interval", "was", ""):
+        table.add_column(heading, no_wrap=True)
     for row in rows(found, rig):
         table.add_row(*row)
     screen.console.print(table)
+    if not all(found.known.told()):
+        screen.warn("not told: known hardly better than before these runs; it only goes with the others")
     for one, other in found.known.together():
         screen.warn(f"{one} and {other} are told together only: fix one of them, if you know it")
     if not found.converged:

@@ -336,13 +336,17 @@ def identify(
             rounds = fitted_rounds(
                 campaign, wides, data.measured, simulate, np.random.default_rng(seed), data.told
             )
-            for number, each in enumerate(rounds, 1):
-                known, converged = each.known, each.converged
-                far = int(np.argmax(each.moved))
-                screen.say(
-                    f"round {number}: {each.rigs} rigs, {sum(known.told())} of {len(wides)} values told; "
-                    f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
-                )
+            try:
+                for number, each in enumerate(rounds, 1):
+                    known, converged = each.known, each.converged
+                    far = int(np.argmax(each.moved))
+                    screen.say(
+                        f"round {number}: {each.rigs} rigs, {sum(known.told())} of {len(wides)} values told; "
+                        f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
+                    )
+            except SimulationFailed:
+                if not simulate.cut_short:
+                    raise
         if simulate.cut_short:
             raise RattleError(
                 "time ran out before the values stood still: nothing was written. What was simulated is kept "
@@ -437,7 +441,8 @@ def model_text_of(found: Identification, rig: str, runs: Sequence[str], scenario
     middles = zip(found.known.wides, found.known.estimates(), strict=True)
     lines = [
         "# Values of one rig, as rattle identify found them in recordings of it; for --model or a scenario.",
-        "# Behind each its 95 % interval, in the same unit, and what the scenarios had.",
+        "# Behind each its 95 % interval, in the same unit, and what the scenarios had. What is not told",
+        "# only goes with the others: its value says nothing by itself.",
         *(f"# Told together only: {one} and {other}." for one, other in found.known.together()),
         f"# Gap of the rig from its twin with these values: {found.gap:.2f} (1 is as far as a healthy rig).",
         *head_text(rig, runs, scenarios),
@@ -445,7 +450,7 @@ def model_text_of(found: Identification, rig: str, runs: Sequence[str], scenario
             rig,
             {wide.name: each.value for wide, each in middles},
             identified,
-            {each.key: "; ".join(filter(None, _said(each, rig))) for each in identified.values()},
+            {each.key: _remark(each, rig) for each in identified.values()},
         ),
         "",
     ]
@@ -459,7 +464,7 @@ def rows(found: Identification, rig: str) -> list[tuple[str, ...]]:
     told: list[tuple[str, ...]] = []
     for each, middle in zip(_identified(found).values(), found.known.estimates(), strict=True):
         unit = _unit(rig, each.key)
-        told.append((each.key, f"{middle.value / si_factor(unit):.5g} {unit}".strip(), *_said(each, rig)))
+        told.append((each.key, f"{middle.value / si_factor(unit):.4g} {unit}".strip(), *_said(each, rig)))
     return told
 
 
@@ -473,11 +478,15 @@ def _identified(found: Identification) -> dict[str, Identified]:
     }
 
 
+def _remark(found: Identified, rig: str) -> str:
+    interval, was, untold = _said(found, rig)
+    return "; ".join(filter(None, (interval, f"was {was}", untold)))
+
+
 def _said(found: Identified, rig: str) -> tuple[str, str, str]:
     factor = si_factor(_unit(rig, found.key))
-    was = "was none" if found.was is None else f"was {found.was / factor:.5g}"
-    untold = "" if found.told else "NOT TOLD by these runs: it only goes with the others"
-    return f"{found.low / factor:.4g} to {found.high / factor:.4g}", was, untold
+    was = "none" if found.was is None else f"{found.was / factor:.5g}"
+    return f"{found.low / factor:.4g} to {found.high / factor:.4g}", was, "" if found.told else "not told"
 
 
 def _unit(rig: str, key: str) -> str:

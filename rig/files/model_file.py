@@ -101,8 +101,10 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     if rig in RIGS:
         model = read_values(RIGS[rig].model, table.get("model", {}), "model", faults)
     identified = dict(_identified(table.get("identified", []), model or {}, faults))
-    for key in model or {}:
-        if key not in identified:
+    for key, value in (model or {}).items():
+        if not isinstance(value, float):
+            faults.add(f"model.{key}", value, "a key of one number that is no count")
+        elif key not in identified:
             faults.missing(f"model.{key}", "a table [[identified]] that says how it was found")
     tables = table.get("tolerances", [])
     lab = tables if isinstance(tables, dict) else {}

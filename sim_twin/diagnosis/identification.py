@@ -37,6 +37,8 @@ _NEAR = 0.995
 """Share of a proposal within which earlier rigs are looked at again."""
 _FEWEST_OF_ALL, _EACH = 120, 16
 """Rigs of a round: so many, and so many more for each value."""
+_FEWEST = 8
+"""Rigs for each value, from which on anything is made of them."""
 FEWEST_ROUNDS, MOST_ROUNDS = 3, 7
 _MOVED, _NARROWED = 0.3, 0.8
 _TOLD = 0.5
@@ -108,8 +110,8 @@ class Known:
 
     def together(self) -> list[tuple[str, str]]:
         """Pairs that are not told each by itself, but together."""
-        spread = np.outer(self.deviation, self.deviation)
-        strong = np.abs(self.covariance) > _TOGETHER * spread
+        spread, untold = np.outer(self.deviation, self.deviation), ~np.array(self.told())
+        strong = (np.abs(self.covariance) > _TOGETHER * spread) & (untold[:, None] | untold)
         return [
             (self.wides[one].name, self.wides[other].name)
             for one in range(len(self.wides))
@@ -157,11 +159,6 @@ def fitted_rounds(
         observed = simulate(draws_of(known, places, rng))
         library.add(places, [each[0] if each else None for each in observed])
         cut_short = any(not each for each in observed)
-        if len(library) < 2 * len(wides) + 20:
-            raise SimulationFailed(
-                f"only {len(library)} of {len(places)} rigs could be simulated",
-                "are the ranges of the values such as a rig can have?",
-            )
         found = _posterior(known, wider, library, moments, measured, rng, told)
         moved = np.abs(found.mean - known.mean) / np.maximum(found.deviation, 1e-9)
         still = bool(np.all(moved < _MOVED) and np.all(found.deviation > _NARROWED * known.deviation))
@@ -225,10 +222,15 @@ def _posterior(
     told: Sequence[float],
 ) -> Known:
     """What the rigs near `about` make of the measurement, for the prior of all values."""
-    places, features = np.array(library.places), np.array(library.features)
+    places, features = np.array(library.places).reshape(-1, len(about.wides)), np.array(library.features)
     root = np.linalg.cholesky(about.covariance) * wider
     local = np.linalg.solve(root, (places - about.mean).T).T
     near = np.sum(local**2, axis=1) <= chi2.ppf(_NEAR, len(about.wides))
+    if near.sum() < _FEWEST * len(about.wides):
+        raise SimulationFailed(
+            f"only {near.sum()} of {rigs_of_a_round(len(about.wides))} rigs could be simulated",
+            "are the ranges of the values such as a rig can have?",
+        )
     space, regression, response = _followed(
         local[near], features[near], moments, moments.worth(told, len(measured)), rng
     )

@@ -58,6 +58,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)
 def test_values_far_off_are_found_and_used(
     call: Call, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,6 +208,7 @@ def test_a_model_file_gives_the_values(tmp_path: Path) -> None:
     [
         ('contact_stiffness = "2.4e7 N/m"', 'contact_stiffness = "2 N"', "model.contact_stiffness"),
         ("modal_damping = 0.02\n", "", "identified[2].key"),
+        ("modal_damping = 0.02", 'modal_damping = 0.02\nbeam = "aluminium"', "model.beam"),
         ("low = 2.3e7\n", "", "identified[1].low"),
         ("told = false", 'told = "no"', "identified[2].told"),
     ],
