@@ -44,6 +44,13 @@ class Twin(Generic[RigT, DriveT]):
         return self.rig.channels
 
     @property
+    def plugged(self) -> list[int]:
+        """Of each channel, the number of the one whose sensor it shows."""
+        names = self.channels
+        sources = (getattr(self.sensors.get(name), "source", "") or name for name in names)
+        return [names.index(source) for source in sources]
+
+    @property
     def model(self) -> RigModel:
         """What is known of all rigs of its kind."""
         return self.rig.model

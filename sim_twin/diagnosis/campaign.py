@@ -180,7 +180,7 @@ def _shown(
     rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(2, number)))
     stray = twin.model.stray(twin, clean, np.random.default_rng(SeedSequence(draw.seed, spawn_key=(3,))))
     sensors = [twin.sensors[name] for name in twin.channels]
-    shown = through_chains(stray, sensors, setting.columns.rate, setting.quiet, rng)
+    shown = through_chains(stray[twin.plugged], sensors, setting.columns.rate, setting.quiet, rng)
     return dict(zip(twin.channels, shown, strict=True))
 
 

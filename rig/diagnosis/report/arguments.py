@@ -126,7 +126,8 @@ def _what(believed: Mapping[str, Any]) -> str:
 
 
 def _size(one: Mapping[str, Any]) -> str:
-    return f"{estimate(one['value'], one['unit'])} ({span(*one['ci95'], one['unit'])})"
+    low, high = one["ci95"]
+    return f"{estimate(one['value'], one['unit'])} ({span(low, high, one['unit'])})"
 
 
 def _contradict(intervals: Sequence[Sequence[float]]) -> bool:
