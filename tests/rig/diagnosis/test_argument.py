@@ -118,7 +118,7 @@ def test_the_page_says_why_not_the_next_best() -> None:
         "apart",
         "speaks for",
     ]
-    assert table.rows == [[f"{UPPER}: peak", "run2.mcap", "200 N", "210 N", "400 N", "3.2", "the answer"]]
+    assert table.rows == [[f"{UPPER}: peak", "run2.mcap", "200 N", "210 N", "400 N", "3.2", "answer"]]
     rival = replace(argued().contrasts[0], measured=np.log(390.0), apart=0.5)
     sentence, table, _ = why_not(case(replace(argued(), contrasts=(rival,))))
     assert isinstance(sentence, Sentence)
