@@ -76,7 +76,7 @@ def why_not(case: Case) -> list[Part]:
         text += f"Where both differ most, {right} of {counted(len(rows), 'figure')} speak for "
         text += f"the twin {ours}." if case.repaired else "the nominal twin."
     headings = ["figure", *(["run"] if several else []), "measured", ours, rival, "apart", "speaks for"]
-    return [Sentence(text), Table(headings, table, _DIFFER), Sentence(_APART)]
+    return [Sentence(text), Table(headings, table, _DIFFER, words=True), Sentence(_APART)]
 
 
 def _unit(row: Mapping[str, Any]) -> str:
