@@ -276,3 +276,27 @@ def analog_delay() -> Effect:
     """All analog channels show x(t - seconds): the delay of a card, or an encoder that is early."""
     parameter = Parameter("seconds", "s", ((-2e-3, -5e-5), (5e-5, 2e-3)))
     return Effect("analog_delay", "clock", (parameter,), _AnalogLate(), sensing=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Swapped:
+    """Two of `channels` show each other's sensors: one, and the `other`-th one after it."""
+
+    channels: tuple[str, ...]
+
+    def __call__(self, twin: AnyTwin, values: ParameterValues) -> AnyTwin:
+        one = str(values["channel"])
+        other = self.channels[(self.channels.index(one) + int(values["other"])) % len(self.channels)]
+        swapped = {}
+        for name, source in ((one, other), (other, one)):
+            chain = twin.sensors.get(name, SensorChain())
+            if not isinstance(chain, SensorChain):
+                raise ValueError(f"{name} is not an analog channel")
+            swapped[name] = replace(chain, source=source)
+        return replace(twin, sensors={**twin.sensors, **swapped})
+
+
+def swapped_channels(channels: tuple[str, ...]) -> Effect:
+    """The sensors of a channel and of the `other`-th one after it among these, in a ring, are swapped."""
+    parameter = Parameter("other", "", ((1.0, len(channels) - 1.0),), whole=True)
+    return Effect("swapped_channels", "sensor", (parameter,), _Swapped(channels), channels, sensing=True)

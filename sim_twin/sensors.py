@@ -35,7 +35,8 @@ class SensorChain:
 
     `droop_corner` and `bandwidth_corner` in Hz, None where the sensor has none. `stages` and `limit`, the
     largest magnitude that the input takes, are what a bench declares. `factor` is what a wrong sensitivity
-    or sign makes of the samples once they are numbers.
+    or sign makes of the samples once they are numbers; `source` is the channel whose sensor is plugged in
+    here, empty where it is the right one.
     """
 
     noise: Annotated[float, Bound("", 0.0)] = 0.0
@@ -47,6 +48,7 @@ class SensorChain:
     stages: Stages | None = None
     limit: float = inf
     factor: Annotated[float, Bound("", -1e9, 1e9)] = 1.0
+    source: str = ""
 
     def __post_init__(self) -> None:
         require_bounds("SensorChain", self)
@@ -78,6 +80,11 @@ class Encoder:
 
 
 Sensor: TypeAlias = SensorChain | Encoder
+
+
+def source_of(name: str, sensor: Sensor | None) -> str:
+    """The channel whose sensor is plugged in at that of a `name`."""
+    return (sensor.source if isinstance(sensor, SensorChain) else "") or name
 
 
 def oversampling(sample_rate: float) -> int:

@@ -54,6 +54,7 @@ class TwinStream:
         self._chains = [
             sensor_stream(twin.sensors.get(name, SensorChain()), sample_rate, rng) for name in twin.channels
         ]
+        self._plugged = twin.plugged
         self._lookahead = max(chain.lookahead for chain in self._chains)
         self._delivered = 0
         self._steps = 0
@@ -88,8 +89,8 @@ class TwinStream:
             if status is not Status.COMPLETED:
                 what = f"the twin stopped after {self._steps / (self.sample_rate * self._factor):.6g} s"
                 raise SimulationFailed(what, status.advice, status)
-            for chain, row in zip(self._chains, fine, strict=True):
-                chain.push(row)
+            for chain, row in zip(self._chains, self._plugged, strict=True):
+                chain.push(fine[row])
             self._steps = stop
         return np.array([chain.pull(count) for chain in self._chains])
 

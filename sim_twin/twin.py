@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
-from sim_twin.sensors import Sensor
+from sim_twin.sensors import Sensor, source_of
 
 if TYPE_CHECKING:
     from sim_twin.rigs.rig_model import RigModel
@@ -46,6 +46,12 @@ class Twin(Generic[RigT, DriveT]):
     def channels(self) -> tuple[str, ...]:
         """Names of the rows of its samples."""
         return self.rig.channels
+
+    @property
+    def plugged(self) -> list[int]:
+        """Of each channel, the number of the one whose sensor it shows."""
+        names = self.channels
+        return [names.index(source_of(name, self.sensors.get(name))) for name in names]
 
     @property
     def model(self) -> RigModel:

@@ -105,6 +105,17 @@ def _points(line: np.ndarray[Any, Any]) -> dict[str, list[float]]:
     return {"phase": phase.tolist(), "values": [float(f"{value:.{_DIGITS}g}") for value in chosen.values]}
 
 
+def of_cut_short(searched: float) -> str:
+    """What is said of an answer for which time ran out after that share of the search."""
+    told = "time ran out: fewer rigs were simulated than planned, so another machine may answer differently"
+    if searched == 1.0:
+        return told
+    return (
+        f"{told}; {100 * searched:.0f} % of the search was done, and its evidence counts by that share: "
+        "probabilities are evener and intervals wider than they would be"
+    )
+
+
 def argument_lines(content: Mapping[str, Any]) -> list[str]:
     """A diagnosis as its file holds it, in a few lines for a terminal: what one would ask next."""
     told = []

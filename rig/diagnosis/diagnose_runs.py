@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from daq.errors import RattleError
+from rig.diagnosis.argument import of_cut_short
 from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.kept import Kept
@@ -90,15 +91,7 @@ def diagnose_runs(
 
         experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
     if simulated.cut_short:
-        cut = (
-            "time ran out: fewer rigs were simulated than planned, so another machine may answer differently"
-        )
-        if findings.searched < 1:
-            cut += (
-                f"; {findings.searched:.0%} of the search was done, and by as much less its evidence counts: "
-            )
-            cut += "probabilities are evener and intervals wider"
-        remarks.append(cut)
+        remarks.append(of_cut_short(findings.searched))
     if not findings.held_out:
         remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
     twin = data.campaign.runs[0].twin

@@ -18,7 +18,7 @@ from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.cycles import Cycles
-from sim_twin.sensors import Encoder, Sensor, SensorChain
+from sim_twin.sensors import Encoder, Sensor, SensorChain, source_of
 from sim_twin.stages import Stages, responses
 from sim_twin.twin import AnyTwin
 
@@ -233,7 +233,9 @@ class _Motion:
     def _through(self, sensors: Mapping[str, Sensor]) -> Records:
         rate, quiet = self._setting.columns.rate, self._setting.quiet
         shown = {
-            name: _through_chain(self._rows[name], sensor, rate, quiet.get(name, 1.0), self._noises[name])
+            name: _through_chain(
+                self._rows[source_of(name, sensor)], sensor, rate, quiet.get(name, 1.0), self._noises[name]
+            )
             for name, sensor in sensors.items()
         }
         return self._setting.inner(shown)

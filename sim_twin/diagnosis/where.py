@@ -16,8 +16,8 @@ from sim_twin.diagnosis.gap import GapMeasure
 from sim_twin.diagnosis.library import Library
 
 NOT_KNOWN = "not known"
-_OFF = 1.4
-"""Gap of a channel by itself that healthy rigs hardly ever have."""
+_OFF = 1.6
+"""Gap of a channel by itself; of ten healthy rigs about one has such a channel."""
 
 
 def alone_off(measures: Sequence[GapMeasure], measured: NDArray[np.floating]) -> str:

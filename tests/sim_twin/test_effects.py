@@ -44,6 +44,10 @@ CHANGES: Mapping[str, tuple[ParameterValues, dict[str, object]]] = {
     "drive_distortion": ({"second": 0.1, "third": 0.0}, {"drive.second": 0.1}),
     "sensor_gain": ({"channel": _UPPER, "gain": 0.8}, {"sensors": {_UPPER: SensorChain(gain=0.8)}}),
     "sensor_factor": ({"channel": _UPPER, "factor": -1.0}, {"sensors": {_UPPER: SensorChain(factor=-1.0)}}),
+    "swapped_channels": (
+        {"channel": _UPPER, "other": 2.0},
+        {"sensors": {_UPPER: SensorChain(source="yoke.force"), "yoke.force": SensorChain(source=_UPPER)}},
+    ),
     "sensor_droop": (
         {"channel": _UPPER, "corner_hz": 5.0}, {"sensors": {_UPPER: SensorChain(droop_corner=5.0)}},
     ),
@@ -90,7 +94,8 @@ def test_an_effect_of_the_rig_shows_in_the_contact_force(name: str) -> None:
 def test_an_effect_of_a_sensor_shows_on_its_channel_only(name: str) -> None:
     changed, healthy = samples(apply_effects(TWIN, [(name, CHANGES[name][0])])), samples(TWIN)
     assert np.abs(changed[1] - healthy[1]).max() > 1.0
-    assert np.array_equal(np.delete(changed, 1, axis=0), np.delete(healthy, 1, axis=0))
+    its = [TWIN.channels.index(channel) for channel in CHANGES[name][1]["sensors"]]  # type: ignore[attr-defined]
+    assert np.array_equal(np.delete(changed, its, axis=0), np.delete(healthy, its, axis=0))
 
 
 def test_gain_and_skew_of_a_channel() -> None:
@@ -99,6 +104,8 @@ def test_gain_and_skew_of_a_channel() -> None:
     assert gained[3] == pytest.approx(1.5 * healthy[3], abs=1e-12)
     turned = samples(apply_effects(TWIN, [("sensor_factor", {"channel": "yoke.force", "factor": -1.0})]))
     assert np.array_equal(turned[3], -healthy[3])
+    swapped = samples(apply_effects(TWIN, [("swapped_channels", {"channel": "yoke.force", "other": 2.0})]))
+    assert np.array_equal(swapped, healthy[[0, 1, 3, 2, 4]])
     whole = {"channel": "contact.force_upper", "seconds": 10 / SAMPLE_RATE}
     skewed = samples(apply_effects(TWIN, [("time_skew", whole)]))
     assert skewed[1][10:] == pytest.approx(healthy[1][:-10], abs=1e-9 * healthy[1].max())

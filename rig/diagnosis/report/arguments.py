@@ -68,7 +68,7 @@ def why_not(case: Case) -> list[Part]:
         right += nearer
         row = [cell_words(case.cells[contrast.cell]), *([case.run_name(each["run"])] if several else [])]
         row += [estimate(each[whose], _unit(each)) for whose in ("measured", "selected", "runner_up")]
-        table.append([*row, f"{contrast.apart:.1f}", "the answer" if nearer else "next best"])
+        table.append([*row, f"{contrast.apart:.1f}", "answer" if nearer else "next best"])
     text = f"Next best is a twin {rival}. "
     if found.contrasts[0].apart < _SAME:
         text += "Nowhere do both differ by more than healthy rigs do: these runs cannot tell them apart."
@@ -76,7 +76,7 @@ def why_not(case: Case) -> list[Part]:
         text += f"Where both differ most, {right} of {counted(len(rows), 'figure')} speak for "
         text += f"the twin {ours}." if case.repaired else "the nominal twin."
     headings = ["figure", *(["run"] if several else []), "measured", ours, rival, "apart", "speaks for"]
-    return [Sentence(text), Table(headings, table, _DIFFER), Sentence(_APART)]
+    return [Sentence(text), Table(headings, table, _DIFFER, words=True), Sentence(_APART)]
 
 
 def _unit(row: Mapping[str, Any]) -> str:

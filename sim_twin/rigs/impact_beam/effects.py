@@ -15,6 +15,7 @@ from sim_twin.effects import (
     sensor_factor,
     sensor_gain,
     set_to,
+    swapped_channels,
     time_skew,
 )
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase
@@ -88,6 +89,7 @@ EFFECTS = catalogue_of(
         ),
         sensor_gain(_SENSED),
         sensor_factor(_SENSED),
+        swapped_channels(_FORCES),
         sensor_droop(_SENSED),
         sensor_bandwidth((*_FORCES, *_ACCELERATIONS)),
         time_skew(_SENSED),

@@ -14,6 +14,7 @@ from sim_twin.effects import (
     sensor_factor,
     sensor_gain,
     set_to,
+    swapped_channels,
     time_skew,
 )
 from sim_twin.rigs.crank_drive import speed_fluctuation
@@ -63,6 +64,7 @@ EFFECTS = catalogue_of(
         ),
         sensor_gain(ACCELERATIONS),
         sensor_factor(ACCELERATIONS),
+        swapped_channels(ACCELERATIONS),
         sensor_bandwidth(ACCELERATIONS),
         time_skew((*ACCELERATIONS, MARKER)),
         analog_delay(),

@@ -15,6 +15,7 @@ from sim_twin.effects import (
     sensor_factor,
     sensor_gain,
     set_to,
+    swapped_channels,
     time_skew,
 )
 from sim_twin.rigs.crank_drive import speed_fluctuation
@@ -43,6 +44,7 @@ EFFECTS = catalogue_of(
         speed_fluctuation(),
         sensor_gain(FORCES),
         sensor_factor(FORCES),
+        swapped_channels(FORCES),
         sensor_droop(FORCES),
         sensor_bandwidth(FORCES),
         time_skew((*FORCES, MARKER)),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.diagnosis.argument import argument, argument_lines, in_unit
+from rig.diagnosis.argument import argument, argument_lines, in_unit, of_cut_short
 from rig.diagnosis.report.arguments import run_by_run, typical_cycle, why_not
 from rig.diagnosis.report.case import Case
 from rig.pages.content import Figure, Sentence, Table
@@ -118,7 +118,7 @@ def test_the_page_says_why_not_the_next_best() -> None:
         "apart",
         "speaks for",
     ]
-    assert table.rows == [[f"{UPPER}: peak", "run2.mcap", "200 N", "210 N", "400 N", "3.2", "the answer"]]
+    assert table.rows == [[f"{UPPER}: peak", "run2.mcap", "200 N", "210 N", "400 N", "3.2", "answer"]]
     rival = replace(argued().contrasts[0], measured=np.log(390.0), apart=0.5)
     sentence, table, _ = why_not(case(replace(argued(), contrasts=(rival,))))
     assert isinstance(sentence, Sentence)
@@ -148,6 +148,12 @@ def test_the_page_draws_a_cycle_of_each() -> None:
     (figure,) = typical_cycle(case(argued()))
     assert isinstance(figure, Figure)
     assert [trace["name"] for trace in figure.traces] == ["measured", "nominal twin", "repaired twin"]
+
+
+def test_an_answer_that_was_cut_short_says_what_that_cost() -> None:
+    assert "62 % of the search was done" in of_cut_short(0.62)
+    assert "intervals wider" in of_cut_short(0.62)
+    assert of_cut_short(1.0).endswith("another machine may answer differently")  # judging was, not the search
 
 
 def test_the_terminal_says_it_in_a_few_lines() -> None:

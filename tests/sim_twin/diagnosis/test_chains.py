@@ -56,6 +56,7 @@ def at_once(chain: SensorChain, clean: Array, quiet: float = 0.0) -> Array:
         (SensorChain(), 1e-4),
         (SensorChain(gain=0.7), 1e-4),
         (SensorChain(gain=-1.5), 1e-4),
+        (SensorChain(factor=-10.0, limit=30.0), 1e-4),
         # the chain in motion interpolates between fine samples, to 80 dB
         (SensorChain(skew=7.3e-5), 5e-4),
         (SensorChain(skew=-2e-3), 5e-4),
@@ -70,6 +71,7 @@ def at_once(chain: SensorChain, clean: Array, quiet: float = 0.0) -> Array:
         "healthy",
         "gain",
         "turned round",
+        "factor",
         "late",
         "early",
         "droop",

@@ -35,7 +35,7 @@ def test_the_catalogue_is_the_table() -> None:
     assert set(MODEL.effects) == {
         "joint1_clearance", "joint2_clearance", "contact_stiffness", "restitution", "joint_friction",
         "guide_friction", "rod_flexibility", "speed_fluctuation", "piston_mass", "frame_resonance",
-        "sensor_gain", "sensor_factor", "sensor_bandwidth", "time_skew", "analog_delay",
+        "sensor_gain", "sensor_factor", "swapped_channels", "sensor_bandwidth", "time_skew", "analog_delay",
     }  # fmt: skip
     locations = {effect.location for effect in MODEL.effects.values()}
     assert locations == {

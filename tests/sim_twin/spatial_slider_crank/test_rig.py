@@ -234,6 +234,7 @@ def test_the_catalogue_is_the_table() -> None:
         "speed_fluctuation": "drive",
         "sensor_gain": "sensor",
         "sensor_factor": "sensor",
+        "swapped_channels": "sensor",
         "sensor_droop": "sensor",
         "sensor_bandwidth": "sensor",
         "time_skew": "clock",
