@@ -166,7 +166,7 @@ class Campaign:
         """Simulate some draws side by side."""
         found = [
             [
-                [motion and motion.blocks(extra, draw.blocks) for extra in draw.sensing]
+                [None if motion is None else motion.blocks(extra, draw.blocks) for extra in draw.sensing]
                 for draw, motion in zip(draws, self._simulated(k, setting, draws), strict=True)
             ]
             for k, setting in enumerate(self.runs)
@@ -176,7 +176,7 @@ class Campaign:
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
         """What the channels of each run show, (runs, draws); None for a run that failed."""
         return [
-            [motion and motion.records(()) for motion in self._simulated(k, setting, draws)]
+            [None if motion is None else motion.records(()) for motion in self._simulated(k, setting, draws)]
             for k, setting in enumerate(self.runs)
         ]
 
@@ -268,7 +268,7 @@ def _noise(sensor: Sensor, count: int, rng: np.random.Generator) -> _Noise:
 
 def _through_chain(row: Array, sensor: Sensor, rate: float, quiet: float, noises: _Noise) -> Array:
     if isinstance(sensor, Encoder):
-        return sensor.shown(row)
+        return sensor.shown(np.asarray(row, np.float64))
     noise = np.float32(quiet * sensor.noise) * noises[0]
     if sensor.stages is not None:
         own = np.float32(quiet * sensor.stages.floor) * noises[1]
