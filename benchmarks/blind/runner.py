@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmarks.blind.make import logs_of
+from rig.diagnosis.kept import KEEP
 
 ROOT = Path(__file__).parents[2]
 _PROGRAM = ("sim_twin", "rig", "daq")
@@ -91,7 +92,12 @@ def _run(command: Sequence[str], output: Path, limit_s: float) -> int | None:
     """Exit code; None where it was stopped, with all that it had started."""
     with output.open("w") as text:
         process = subprocess.Popen(  # noqa: S603 - our own
-            command, cwd=ROOT, stdout=text, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            cwd=ROOT,
+            stdout=text,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={**os.environ, KEEP: "0"},  # its cost is a first look's
         )
         try:
             return process.wait(limit_s)
