@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmarks.blind.make import logs_of
-from rig.diagnosis.kept import KEEP
 
 ROOT = Path(__file__).parents[2]
 _PROGRAM = ("sim_twin", "rig", "daq")
@@ -97,7 +96,7 @@ def _run(command: Sequence[str], output: Path, limit_s: float) -> int | None:
             stdout=text,
             stderr=subprocess.STDOUT,
             start_new_session=True,
-            env={**os.environ, KEEP: "0"},  # its cost is a first look's
+            env={**os.environ, "RATTLE_SIMULATED": "0"},  # its cost is a first look's
         )
         try:
             return process.wait(limit_s)
