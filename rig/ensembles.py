@@ -9,9 +9,9 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, wait
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
@@ -73,6 +73,24 @@ def worker_processes(count: int) -> Iterator[Workers]:
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def workers_when_needed(count: int) -> Iterator[Executor]:
+    """An executor whose `worker_processes` start with the first piece of work: there may be none."""
+    with ExitStack() as stack:
+        yield _WhenNeeded(stack, count)
+
+
+class _WhenNeeded(Executor):
+    def __init__(self, stack: ExitStack, count: int) -> None:
+        self._stack, self._count = stack, count
+        self._workers: Workers | None = None
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if self._workers is None:
+            self._workers = self._stack.enter_context(worker_processes(self._count))
+        return self._workers.executor.submit(fn, *args, **kwargs)
 
 
 def _ready() -> bool:

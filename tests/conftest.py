@@ -54,6 +54,7 @@ def pytest_configure() -> None:
     os.environ["RATTLE_HEALTHY_RIGS"] = "0"
     os.environ["RATTLE_LIVE_PORT"] = "0"  # a page of each run's own, which ends with it
     os.environ["RATTLE_PACES"] = "0"
+    os.environ["RATTLE_SIMULATED"] = "0"
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

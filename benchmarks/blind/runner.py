@@ -91,7 +91,12 @@ def _run(command: Sequence[str], output: Path, limit_s: float) -> int | None:
     """Exit code; None where it was stopped, with all that it had started."""
     with output.open("w") as text:
         process = subprocess.Popen(  # noqa: S603 - our own
-            command, cwd=ROOT, stdout=text, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            cwd=ROOT,
+            stdout=text,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={**os.environ, "RATTLE_SIMULATED": "0"},  # its cost is a first look's
         )
         try:
             return process.wait(limit_s)

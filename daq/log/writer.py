@@ -152,7 +152,7 @@ class LogWriter:
         self._record("/impact", "Impact", impact, host_ns)
 
     def flush_if_older(self, host_ns: int) -> None:
-        """End the chunk if 0.25 s would be over before the next look; called every 0.1 s if no block comes."""
+        """End the chunk if 0.25 s would be over by the next look; called every 0.1 s if no block comes."""
         if not self._chunk_opened_ns:
             return
         age_ns = host_ns - self._chunk_opened_ns

@@ -22,7 +22,7 @@ from rig.diagnosis.kept import Kept
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.diagnosis.report import arguments, before_and_after, causes, gap_map, verdict
 from rig.diagnosis.report.case import Case, RunFacts
-from rig.ensembles import Simulated, cores, worker_processes
+from rig.ensembles import Simulated, cores, workers_when_needed
 from rig.files.effects_file import load_effects
 from rig.files.model_file import ModelFile, load_model
 from rig.files.scenario import parse_scenario
@@ -80,13 +80,16 @@ def diagnose_runs(
     told = _text_of(model)
     kept = Kept(data.campaign, told, screen.warn)
     work = work_of("diagnose again" if kept.some else "diagnose", data.campaign, planned.motions)
-    with screen.bar("simulating", planned.motions, "rigs", work) as bar, worker_processes(cores()) as workers:
-        simulated = Simulated(data.campaign, workers.executor, began + _OVERTIME * latest_s, bar)
+    with (
+        screen.bar("simulating", planned.motions, "rigs", work) as bar,
+        workers_when_needed(cores()) as workers,
+    ):
+        simulated = Simulated(data.campaign, workers, began + _OVERTIME * latest_s, bar)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             findings = diagnose(data.campaign, data.measured, planned, kept.by(simulated), seed, data.told)
 
         def simulate(campaign: Campaign) -> Execute:
-            later = Simulated(campaign, workers.executor, began + _LAST * latest_s, lambda _: None)
+            later = Simulated(campaign, workers, began + _LAST * latest_s, lambda _: None)
             return Kept(campaign, told, screen.warn).by(later)
 
         experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
@@ -249,8 +252,8 @@ def _simulated(
         for _ in range(count)
     ]
     work = work_of("simulate again" if kept.some else "simulate", data.campaign, len(draws))
-    with screen.bar("simulating", len(draws), "rigs", work) as bar, worker_processes(cores()) as workers:
-        simulated = Simulated(data.campaign, workers.executor, time.monotonic() + _LONGEST_S, bar)
+    with screen.bar("simulating", len(draws), "rigs", work) as bar, workers_when_needed(cores()) as workers:
+        simulated = Simulated(data.campaign, workers, time.monotonic() + _LONGEST_S, bar)
         shown = iter(kept.by(simulated)(draws))
     sets = [[each[0] for each in islice(shown, count) if each and each[0] is not None] for _, count in wanted]
     if any(len(each) < _FEWEST for each in sets):

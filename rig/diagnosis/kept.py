@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import os
 import struct
 import zlib
 from collections.abc import Callable, Sequence
@@ -27,6 +28,8 @@ from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.subject import Draw, Execute, Observed
 
 Samples = NDArray[np.float32]
+KEEP: Final = "RATTLE_SIMULATED"
+"""Of the environment: at 0 nothing is kept, nor used."""
 _HEAD: Final = struct.Struct("<16sII")
 _SHAPE: Final = struct.Struct("<ii")
 _MOST_BYTES, _MOST_A_FILE = 2_000_000_000, 250_000_000
@@ -88,7 +91,10 @@ class _KeptRuns:
 
     def __init__(self, path: Path, setting: RunSetting, tell: Callable[[str], None]) -> None:
         self.known: dict[bytes, Observed] = {}
-        self._path, self._tell, self._works = path, tell, True
+        self._path, self._tell = path, tell
+        self._works = os.environ.get(KEEP) != "0"
+        if not self._works:
+            return
         self._begin = version_of(setting).encode() + b"\n"
         try:
             content = path.read_bytes()

@@ -17,7 +17,7 @@ from sim_twin.diagnosis.fingerprint import Columns, Crossed, Layout, Look
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
-from sim_twin.rigs.cycles import Cycles
+from sim_twin.rigs.cycles import Cycles, turning
 from sim_twin.sensors import Encoder, Sensor, SensorChain, source_of
 from sim_twin.stages import Stages, responses
 from sim_twin.twin import AnyTwin
@@ -316,10 +316,7 @@ def _staged(
 
 def _response(chain: SensorChain, count: int, resolution: float) -> NDArray[np.complex64]:
     """At multiples of `resolution` (Hz)."""
-    # exp(-2 pi i f skew) at all of them by products
-    wide, step = 512, -2 * np.pi * chain.skew * resolution
-    coarse = np.exp(1j * step * wide * np.arange(-(-count // wide)))
-    response = chain.gain * np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[:count]
+    response = chain.gain * turning(-2 * np.pi * chain.skew * resolution, count)
     if chain.bandwidth_corner is None and chain.droop_corner is None:
         return response.astype(np.complex64)
     frequency = resolution * np.arange(count)

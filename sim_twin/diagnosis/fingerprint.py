@@ -175,15 +175,15 @@ class Columns:
 
     def table(self, looks: Sequence[Look], crossed: dict[tuple[int, int], Crossed]) -> CycleTable:
         """What the channels show together; what two `looks` make stays in `crossed`."""
-        coupled = [look for look in looks if look.spectra is not None]
+        coupled = [(look, look.spectra) for look in looks if look.spectra is not None]
         cross = []
-        for one, other in combinations(coupled, 2):
+        for (one, first), (other, second) in combinations(coupled, 2):
             key = id(one), id(other)
             if key not in crossed:
-                crossed[key] = one, other, self._in_octaves(one.spectra * np.conj(other.spectra))  # type: ignore[arg-type]
+                crossed[key] = one, other, self._in_octaves(first * np.conj(second))
             cross.append(crossed[key][2])
         values = np.concatenate([look.values for look in looks], axis=1)
-        return CycleTable(values, np.array(cross), np.array([look.power for look in coupled]))
+        return CycleTable(values, np.array(cross), np.array([look.power for look, _ in coupled]))
 
     def _in_octaves(self, density: NDArray[Any]) -> NDArray[Any]:
         """Sums over the bands and both halves of each cycle, shape (cycles, bands)."""

@@ -69,12 +69,19 @@ def sine_cycles(values: Array, rate: float, frequency: float) -> Cycles:
         frequency, count = found.frequency, min(len(values), 2 * count)
 
 
+def turning(step: float, count: int) -> NDArray[np.complex128]:
+    """exp(i `step` k) for k from 0 on, shape (count,), by products."""
+    wide = 512
+    coarse = np.exp(1j * step * wide * np.arange(-(-count // wide)))
+    return np.asarray(np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[:count])
+
+
 def _fitted_sine(values: Array, rate: float, frequency: float) -> Cycles:
     first = drift = 0.0
     for _ in range(2):
         count = int(int(len(values) / 2 * frequency / rate) * rate / frequency)
         window = np.hanning(count)
-        turn = window * np.exp(-2j * np.pi * frequency / rate * np.arange(count))
+        turn = window * turning(-2 * np.pi * frequency / rate, count)
         moved = np.exp(-2j * np.pi * frequency / rate * count)
         level = float(np.mean(values))
         first = float(np.angle(np.sum((values[:count] - level) * turn)))

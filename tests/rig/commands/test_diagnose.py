@@ -250,7 +250,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_simulated
     def simulated(_count: int) -> None:
         raise AssertionError("simulated before the folder was tried")
 
-    monkeypatch.setattr(diagnosing, "worker_processes", simulated)
+    monkeypatch.setattr(diagnosing, "workers_when_needed", simulated)
     (tmp_path / "file").write_text("mine")
     out = tmp_path / "file" / "out"
     answer = call("diagnose", run, "--out", out)

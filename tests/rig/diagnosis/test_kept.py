@@ -29,6 +29,7 @@ DRAWS = [Draw((), 3), Draw((), 4, ((), LOUD))]
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv(kept.KEEP)
     return tmp_path / "rattle" / "simulated"
 
 
@@ -61,7 +62,7 @@ def same(one: Sequence[Observed], other: Sequence[Observed]) -> bool:
     )
 
 
-def test_a_second_look_simulates_nothing_and_one_more_run_only_that(folder: Path) -> None:
+def test_a_second_look_simulates_nothing_and_one_more_run_only_that(monkeypatch: pytest.MonkeyPatch) -> None:
     one = Campaign((setting("9 N"),))
     two = Campaign((setting("9 N"), setting("7 N")))
     first, count, told = looked(one)
@@ -72,6 +73,9 @@ def test_a_second_look_simulates_nothing_and_one_more_run_only_that(folder: Path
     more, count, told = looked(two)
     assert (count, told) == (2, [])
     assert same(more, two.observe(DRAWS))
+    monkeypatch.setenv(kept.KEEP, "0")
+    assert looked(one)[1] == 2
+    monkeypatch.delenv(kept.KEEP)
     # another draw, another calibration: nothing known
     assert looked(one, [Draw((), 5)])[1] == 1
     assert looked(one, model="mass = 2")[1] == 2

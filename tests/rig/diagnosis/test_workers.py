@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.ensembles import Simulated
+from rig import ensembles
+from rig.ensembles import Simulated, Workers, workers_when_needed
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.subject import Draw, Observed
@@ -99,3 +101,26 @@ def test_an_error_at_a_worker_is_an_error_here() -> None:
     simulated = Simulated(Broken(), Here(), time.monotonic() + LATER, lambda _: None)
     with pytest.raises(ZeroDivisionError, match="no rig at all"):
         simulated(draws(3))
+
+
+def test_workers_start_with_the_first_piece_of_work_and_end_with_the_context(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    happened: list[str] = []
+
+    @contextmanager
+    def workers(count: int) -> Iterator[Workers]:
+        happened.append(f"{count} started")
+        yield Workers(Here(), count)
+        happened.append("ended")
+
+    monkeypatch.setattr(ensembles, "worker_processes", workers)
+    with workers_when_needed(2):
+        pass
+    assert happened == []
+    with workers_when_needed(2) as executor:
+        simulated = Simulated(Numbered(), executor, time.monotonic() + LATER, lambda _: None)
+        assert shown(simulated(draws(3))) == [0, 1, 2]
+        assert shown(simulated(draws(2))) == [0, 1]
+        assert happened == ["2 started"]
+    assert happened == ["2 started", "ended"]
