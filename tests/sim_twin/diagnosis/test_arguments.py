@@ -69,12 +69,12 @@ def test_each_run_says_by_itself_what_it_is_and_how_large() -> None:
 
 
 def test_runs_that_contradict_each_other_say_so() -> None:
-    findings = found(1.4, 3.0)
+    findings = found(1.2, 3.4)
     assert findings.selected == ()  # no one size fits both
     assert [each.best for each in findings.alone] == [(LEFT,), (LEFT,)]
     (one,), (other,) = (each.estimates[0] for each in findings.alone)
-    assert one.value == pytest.approx(1.4, abs=0.5)
-    assert other.value == pytest.approx(3.0, abs=0.6)
+    assert one.value == pytest.approx(1.2, abs=0.5)
+    assert other.value == pytest.approx(3.4, abs=0.6)
     assert one.high < other.low
 
 
