@@ -132,7 +132,10 @@ def write_page(folder: Path, sweep: Sweep, state: SweepState) -> Path:
     """Write the page beside the logs; returns its path, raises RecorderFailed."""
     done = state.ended("done")
     subtitle = [sweep.rig.replace("_", " "), f"{len(done)} of {len(sweep.points)} points done"]
-    rows = [[*words, Link(log, log) if log else ""] for *words, log in rows_of(sweep, state)]
+    rows = [
+        [*words, Link(log.partition("/")[0], log) if log else ""]  # the name of its folder says which
+        for *words, log in rows_of(sweep, state)
+    ]
     sections: list[tuple[str, list[Part]]] = [
         ("Impacts over the swept value", [_figure(sweep, state)]),
         ("Points", [Table(headings_of(sweep), rows, _ENDED, words=True)]),
