@@ -40,7 +40,7 @@ def blueprint(layout: Layout) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             _channels(layout, own),
-            rrb.Vertical(*views, row_shares=[*(share for _, share in own.side), 2.0]),
+            rrb.Vertical(*views, row_shares=[*(share for _, share in own.side), 1.5]),
             column_shares=[3, side],
         ),
         rrb.TimePanel(state="collapsed", timeline=paths.TIMELINE, play_state="following"),

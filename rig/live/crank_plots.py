@@ -19,7 +19,7 @@ from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, decades, from_ze
 from rig.live.picture import Stage
 from rig.live.series import line_style, over_time
 
-IMPACT_FRAME = Frame(height=3.6, left=1.7, bottom=1.6, top=0.85)
+IMPACT_FRAME = Frame(height=3.6, left=1.7, bottom=1.0, top=0.85)
 _ANGLES = Axis(0.0, 360.0, tuple((float(at), f"{at}°") for at in range(0, 361, 45)))
 _HEADROOM = 1.1
 _DOTS = 600
