@@ -49,7 +49,7 @@ class StopRequest:
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
-        """Meanwhile the first signal raises Stopped: for what waits unwatched, while nothing moves."""
+        """The first signal raises Stopped: for what waits where nobody looks, while nothing moves."""
         self._at_once = True
         try:
             yield

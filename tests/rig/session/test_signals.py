@@ -40,18 +40,19 @@ def test_who_keeps_asking_is_heard_again_however_fast() -> None:
 def test_what_waits_where_nobody_looks_ends_at_once_and_its_end_is_left_alone() -> None:
     told: list[str] = []
 
-    def wait() -> None:
-        try:
-            os.kill(os.getpid(), signal.SIGTERM)
-            raise AssertionError("went on")
-        finally:
-            time.sleep(0.35)  # as soon as a person may ask again
-            os.kill(os.getpid(), signal.SIGTERM)
-            told.append("ended")
+    def wait(stop: StopRequest) -> None:
+        with stop.at_once():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                raise AssertionError("went on")
+            finally:
+                time.sleep(0.35)  # as soon as a person may ask again
+                os.kill(os.getpid(), signal.SIGTERM)
+                told.append("ended")
 
     with StopRequest() as stop:
-        with pytest.raises(Stopped, match="stopped by a person"), stop.at_once():
-            wait()
+        with pytest.raises(Stopped, match="stopped by a person"):
+            wait(stop)
         time.sleep(0.35)
         os.kill(os.getpid(), signal.SIGTERM)
     assert (told, stop.asked) == (["ended"], 3)
