@@ -81,7 +81,12 @@ def alone(
         library = search.library.of(weighed, numbers)
         subject = _OneRun(layout, search.subject.causes)
         part = replace(
-            search, subject=subject, measured=measured[:, numbers], execute=subject.observe, library=library
+            search,
+            subject=subject,
+            measured=measured[:, numbers],
+            execute=subject.observe,
+            library=library,
+            told=tuple(search.told[run : run + 1]),
         )
         ranked = of_a_part(believed(part.weigh(part.learn(), weighed)), searched)
         estimates = next((each.estimates() for each in ranked if each.hypothesis == best), [])

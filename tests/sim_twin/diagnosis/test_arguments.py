@@ -50,8 +50,8 @@ def of_runs(first: float, second: float) -> Blocks:
 
 
 @cache
-def found(first: float, second: float, motions: int = 10**6) -> Findings:
-    return diagnose(TwoRuns(), of_runs(first, second), EFFORT, stopped(motions), 0)
+def found(first: float, second: float, motions: int = 10**6, told: tuple[float, ...] = ()) -> Findings:
+    return diagnose(TwoRuns(), of_runs(first, second), EFFORT, stopped(motions), 0, told)
 
 
 def test_each_run_says_by_itself_what_it_is_and_how_large() -> None:
@@ -66,6 +66,13 @@ def test_each_run_says_by_itself_what_it_is_and_how_large() -> None:
     # one rig's: what belongs to it is another in other cells
     (one,), (other,) = first.estimates[0], second.estimates[0]
     assert max(one.low, other.low) < min(one.high, other.high)
+
+
+def test_a_run_of_few_blocks_says_less() -> None:
+    alike, short = found(2.0, 2.0).alone, found(2.0, 2.0, told=(4.0, 1.0)).alone
+    widths = [each[1].estimates[0][0].high - each[1].estimates[0][0].low for each in (alike, short)]
+    # of a healthy rig's variance of a quarter, and of a block's of 1: a half over four, 1.25 of one
+    assert widths[1] > 1.25 * widths[0]
 
 
 def test_runs_that_contradict_each_other_say_so() -> None:
