@@ -85,7 +85,9 @@ def of_rig(name: str, runs: int, executor: Executor, screen: Screen) -> tuple[in
     twin = twin_of(scenario, named)
     whole = int(scenario.acquisition.duration * scenario.drive.cycle_hz) - 3
     step = round(scenario.acquisition.sample_rate / RATE)
-    campaign = Campaign((setting_of(twin, twin.channels, RATE, whole, step),))
+    left = float(np.sqrt(np.sum(anti_alias_taps(step, 0.0) ** 2))) if step > 1 else 1.0
+    quiet = dict.fromkeys(twin.channels, left)
+    campaign = Campaign((setting_of(twin, twin.channels, RATE, whole, quiet),))
     blocks = whole // campaign.runs[0].cycles
     band = band_of(AloneRun(scenario, campaign, np.empty((0, 0), np.float32)), "", 48, screen)
     if band is None:
