@@ -24,10 +24,10 @@ _BELIEVED = 0.01
 def in_unit(cell: Cell, unit: str, number: float, nominal: float) -> tuple[float, str]:
     """The mean of a cell's numbers as people read it; `unit` is the channel's.
 
-    Energies are told against the `nominal` twin's; without a unit a number is told as it is.
+    Energies are told against the `nominal` twin's; a cell that says its own unit, or has none, as it is.
     """
-    if not unit:
-        return number, ""
+    if cell.unit or not unit:
+        return number, cell.unit
     if cell.what == "energy":
         return round(_DECIBELS * (number - nominal), _DIGITS), "dB"
     if cell.what in ("rms", "peak"):

@@ -23,7 +23,7 @@ from daq.log.reader import LogReader, begins_as_log
 from daq.plugins import plugins
 from rig.diagnosis.diagnose_runs import write_report
 from rig.diagnosis.document import document, effects_file, provenance, write_json
-from rig.diagnosis.report import causes, gap_map, own_rig, verdict
+from rig.diagnosis.report import arguments, causes, gap_map, own_rig, verdict
 from rig.diagnosis.report.case import Case, RunFacts
 from rig.diagnosis.report.verdict import LEFT_OPEN
 from rig.ensembles import Simulated, cores, worker_processes
@@ -44,6 +44,8 @@ SECTIONS: Sequence[Section[Case]] = (
     Section("Verdict", verdict.parts),
     Section("How far to believe it", own_rig.trust),
     Section("Causes", causes.ranking),
+    Section("Why not the next best", arguments.why_not),
+    Section("Run by run", arguments.run_by_run),
     Section("Measured, nominal and repaired", own_rig.curves),
     Section("Gap map", gap_map.parts),
     Section("Parameters", causes.parameters),

@@ -72,6 +72,8 @@ def test_numbers_are_told_as_people_read_them(what: str, number: float, shown: t
     assert in_unit(Cell(0, UPPER, what), "N", number, np.log(10.0)) == shown
     # nothing is known of numbers of a channel without a unit
     assert in_unit(Cell(0, "own", what), "", number, np.log(10.0)) == (number, "")
+    # nor does a name mean anything where a cell says its own
+    assert in_unit(Cell(0, "own", what, unit="mm"), "N", number, np.log(10.0)) == (number, "mm")
 
 
 def test_the_file_holds_both_predictions_and_what_was_measured() -> None:
