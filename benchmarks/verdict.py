@@ -34,7 +34,7 @@ from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.cause import Cause, drawn
 from sim_twin.diagnosis.healthy_band import HealthyBand
 from sim_twin.diagnosis.subject import Draw
-from sim_twin.sensors import Encoder
+from sim_twin.sensors import Encoder, anti_alias_taps
 
 SCENARIOS: Final = ("impact_beam", "planar_slider_crank", "spatial_slider_crank")
 RATE: Final = 25_600.0
