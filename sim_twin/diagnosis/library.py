@@ -17,6 +17,8 @@ from sim_twin.diagnosis.subject import Draw, Named, Observed
 Array = NDArray[np.float64]
 _FEWEST_SHARED = 4
 """Motions over which those cases are spread that may share some."""
+TOGETHER = 18
+"""Cases that may share a motion: what one changed channel shows costs little beside it."""
 _DIRECTIONS = 80
 _SHARE = 6
 """Healthy and left-out fingerprints for each direction, at least."""
@@ -85,7 +87,7 @@ class Library:
 
 
 def order_of(
-    cases: Mapping[Hypothesis, Array], rng: np.random.Generator, blocks: int = 1, together: int = 6
+    cases: Mapping[Hypothesis, Array], rng: np.random.Generator, blocks: int = 1, together: int = TOGETHER
 ) -> Order:
     """Order one observation for each row of parameters of each hypothesis.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, parts_of, values_of
-from sim_twin.diagnosis.library import FEWEST, Library, Order, learned, order_of
+from sim_twin.diagnosis.library import FEWEST, TOGETHER, Library, Order, learned, order_of
 from sim_twin.diagnosis.posterior import Estimate, Posterior
 from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Execute, Subject
@@ -174,7 +174,7 @@ class Search:
         # by the dimensions of the space in which its response is nearly straight
         any_place = {cause: drawn((cause,), 1, np.random.default_rng(0)) for cause in causes}
         weight = {cause: np.sqrt(cause.coordinates(any_place[cause]).shape[1]) for cause in causes}
-        together = sum(weight[cause] / (6 if cause.sensing else 1) for cause in causes)
+        together = sum(weight[cause] / (TOGETHER if cause.sensing else 1) for cause in causes)
         each = (motions - healthy) / max(1.0, together)
         cases: dict[Hypothesis, Array] = {
             (cause,): drawn((cause,), max(_FEWEST_EACH, int(each * weight[cause])), self.rng)
@@ -254,7 +254,7 @@ class Search:
         if not chosen:
             chosen = [each for each in ranked if each.hypothesis][:3]
         weight = np.sqrt([each.probability for each in chosen])
-        cost = np.array([1 / 6 if all(c.sensing for c in each.hypothesis) else 1.0 for each in chosen])
+        cost = np.array([1 / TOGETHER if all(c.sensing for c in each.hypothesis) else 1.0 for each in chosen])
         counts = np.maximum(_FEWEST_AT_ONCE, motions * weight / np.sum(weight * cost)).astype(int)
         counts = np.minimum(counts, np.where(cost < 1, 150, motions))
         cases = {
