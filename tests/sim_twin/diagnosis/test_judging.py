@@ -87,7 +87,8 @@ def test_repaired_twins_are_new_rigs_at_what_fits_the_given_blocks() -> None:
         each.hypothesis: (20, TOY.layout.size) for each in candidates
     }
     assert len({draw.seed for draw in asked}) == 40
-    sizes = {float(values["size"]) for draw in asked for name, values in draw.effects if name == "left"}
+    alone = [draw.effects[0] for draw in asked if len(draw.effects) == 1 and draw.sensing == ((),)]
+    sizes = {float(values["size"]) for name, values in alone if name == "left"}
     # fitted to the blocks that it was given, of size 3, not to those of the search, of size 2
     assert len(sizes) == 1
     assert sizes.pop() == pytest.approx(3.0, abs=0.4)
