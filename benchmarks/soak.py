@@ -101,6 +101,12 @@ ALL = {
         (*_LOAD, "--seconds", "3600"),
         (*_LOAD, "--seconds", "30"),
     ),
+    "fault table": Promise(
+        "Each fault that can be rehearsed, in a run of its rig: it ends as its row says, and every sample "
+        "that was sent is in the log or the gap ledger.",
+        ("pytest", "-m", "soak", "tests/end_to_end/test_fault_table.py"),
+        ("pytest", "-m", "soak", "tests/end_to_end/test_fault_table.py", "-k", "unplugged"),
+    ),
     "Modbus": Promise(
         "A line to the inverter that loses or corrupts answers: no wrong value, speed held or a safe stop.",
         ("benchmarks.modbus_noise",),

@@ -18,7 +18,7 @@ from tests.accounting import disk_failed
 from tests.end_to_end.command import rattle
 from tests.end_to_end.files import write_crank, write_scenario
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.soak, pytest.mark.timeout(400)]
 DEADLINE_S = 300.0
 SHAFT = {"daq_card.rolls_over", "daq_card.marks_missing"}
 """Of the card, but of what only a crank has on it."""
