@@ -54,7 +54,8 @@ def test_open_parameters_of_every_effect_stay_in_their_ranges_and_travel(twin: A
     for name in model.effects:
         population = Population(twin, ((name, {}),), healthy=False)
         variants = population.variants(5, 1)  # refused by the effect itself if out of range
-        assert len({repr(each.twin) for each in variants}) == 5, name
+        counted = all(parameter.whole for parameter in model.effects[name].parameters)
+        assert len({repr(each.twin) for each in variants}) in (range(2, 6) if counted else (5,)), name
         assert pickle.loads(pickle.dumps(variants))[0].twin == variants[0].twin  # noqa: S301
 
 
