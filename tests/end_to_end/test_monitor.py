@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -86,6 +87,7 @@ def test_taps_set_a_bench_right_and_no_actuator_is_reached(tmp_path: Path) -> No
         with command("monitor", scenario, "--bench", bench, "--write", typed="") as running:
             for row, name in enumerate(CHANNELS):
                 running.await_line(name)
+                time.sleep(0.3)  # a whole block has to be quiet after the tap before
                 link.sender.send(DriveSettings(True, float(row), 20.0, 0.0, SystemClock().monotonic_s()))
                 running.await_line("tap: ")
                 running.type("\n")
