@@ -58,7 +58,7 @@ def identify(
     except KeyboardInterrupt:
         screen.say(f"what was simulated is kept in {folder}; the same command goes on there")
         raise
-    names = [run.name for run in (*runs, *others)]
+    names = [path.name for path in data.paths]
     scenarios = list(dict.fromkeys(parse_scenario(text).name for text in data.scenarios))
     text = work.model_text_of(found, campaign.rig, names, scenarios)
     _show(found, campaign.rig, screen)

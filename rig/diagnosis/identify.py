@@ -249,7 +249,7 @@ def read_for(
     Raises ConfigurationError or LogError for what cannot be used.
     """
     with screen.busy("reading"):
-        data = recorded([*runs, *responses], partial(_narrow, len(runs)))
+        data = recorded([*runs, *responses], partial(_narrow, responses))
     for remark in data.remarks:
         screen.warn(remark)
     scenarios = [parse_scenario(text) for text in data.scenarios]
@@ -258,15 +258,16 @@ def read_for(
     if len(specimens) > 1:
         told = ", ".join(str(each or "(none)") for each in specimens)
         raise ConfigurationError("runs", [Problem(f"notes.{SPECIMEN}", told, "runs of one rig")])
-    for path, run, records in zip(runs, data.campaign.runs, data.records, strict=False):
-        _require_chatter(path, run, records)
+    for path, run, records in zip(data.paths, data.campaign.runs, data.records, strict=True):
+        if path not in responses:
+            _require_chatter(path, run, records)
     return data, wides, identifying(data.campaign.runs, scenarios, list(free))
 
 
-def _narrow(runs: int, number: int, setting: RunSetting) -> RunSetting:
+def _narrow(responses: Sequence[Path], path: Path, setting: RunSetting) -> RunSetting:
     columns = setting.columns
     named = {each.name: getattr(columns, each.name) for each in fields(columns)}
-    return replace(setting, columns=NarrowColumns(**named, alone=number >= runs))
+    return replace(setting, columns=NarrowColumns(**named, alone=path in responses))
 
 
 def _require_chatter(path: Path, run: RunSetting, records: Mapping[str, Any]) -> None:

@@ -155,11 +155,11 @@ class _Run:
 
 
 def recorded(
-    paths: Sequence[Path], looked_at: Callable[[int, RunSetting], RunSetting] = lambda _, setting: setting
+    paths: Sequence[Path], looked_at: Callable[[Path, RunSetting], RunSetting] = lambda _, setting: setting
 ) -> RecordedCampaign:
     """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used.
 
-    `looked_at` gives the setting of a run, by its number, as it is to be looked at.
+    `looked_at` gives the setting of a run, by its path, as it is to be looked at.
     """
     twice = sorted({str(path) for path in paths if [p.resolve() for p in paths].count(path.resolve()) > 1})
     if twice:
@@ -185,7 +185,7 @@ def recorded(
     problems = [problem for run in runs[1:] for problem in _other_rig(runs[0], run)]
     if problems:
         raise ConfigurationError("campaign", problems)
-    settings = [looked_at(number, run.setting) for number, run in enumerate(runs)]
+    settings = [looked_at(run.path, run.setting) for run in runs]
     blocks = [setting.blocks_of(run.records, run.sound) for setting, run in zip(settings, runs, strict=True)]
     count = max(map(len, blocks))
     rows = [_rows(len(each), count) for each in blocks]

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from daq.errors import ConfigurationError
-from rig.diagnosis.identify import Kept, identifying, require_moves, tolerance_of, wide_of
+from rig.diagnosis.identify import Kept, identifying, read_for, require_moves, tolerance_of, wide_of
 from rig.diagnosis.recordings import setting_of
 from rig.files.model_file import load_model
 from rig.files.scenario import parse_scenario
 from rig.files.table import NOTHING, FieldError
 from rig.rigs import RIGS
+from rig.session.progress import Screen, Terminal
 from rig.twin.logged import with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis import identification
@@ -55,6 +56,18 @@ def record(path: Path, seed: int, scenario: str = SCENARIO, values: Mapping[str,
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("run") / "run.mcap", 3, values=TRUTH)
+
+
+def test_a_run_that_is_left_out_does_not_change_how_the_others_are_looked_at(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(globals(), "SECONDS", 0.1)
+    short = record(tmp_path / "short.mcap", 4)
+    monkeypatch.undo()
+    response = record(tmp_path / "response.mcap", 5)
+    data, _, campaign = read_for([short, run], [response], {"contact_stiffness": ""}, Screen(Terminal()))
+    assert data.paths == (run, response)
+    assert [each.columns.alone for each in campaign.runs] == [False, True]  # type: ignore[attr-defined]
 
 
 @pytest.mark.long
