@@ -139,18 +139,31 @@ def truths(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 _CHECKED: set[Path] = set()
+_SINCE_S = 1.0
+"""Before a test began: times of files are coarser than the clock."""
+
+
+@pytest.fixture(scope="session")
+def seen_until() -> list[float]:
+    """When logs were last looked at (Unix s)."""
+    return [time.time()]
 
 
 @pytest.fixture(autouse=True)
 def accounts_for_every_sample(
-    truths: Path, tmp_path_factory: pytest.TempPathFactory, leaves_nothing_behind: None
+    truths: Path,
+    seen_until: list[float],
+    tmp_path_factory: pytest.TempPathFactory,
+    leaves_nothing_behind: None,
 ) -> Iterator[None]:
     """No test that records from emulators can forget it."""
     yield
+    since_s, seen_until[0] = seen_until[0] - _SINCE_S, time.time()
     if any(truths.iterdir()):
         from tests.accounting import discrepancies, sent_in
 
-        logs = {*tmp_path_factory.getbasetemp().rglob("*.mcap")} - _CHECKED
+        every = {*tmp_path_factory.getbasetemp().rglob("*.mcap")} - _CHECKED
+        logs = {log for log in every if log.stat().st_mtime > since_s}
         sent = sent_in(truths) if logs else []
         _CHECKED.update(logs)
         wrong = [f"{log.name}: {each}" for log in logs for each in discrepancies(log, sent)]
