@@ -23,8 +23,8 @@ from sim_twin.rigs.planar_slider_crank.channels import ANGLE
 from tests.rig.browser import browser_page, needs_chromium
 from tests.rig.surrogates.crank_logs import shown, write_recordings
 
-# On a cold cache every kernel of three rigs is compiled first.
-pytestmark = pytest.mark.timeout(400)
+# All figures are 40 s of a core; on a cold cache every kernel of three rigs is compiled first.
+pytestmark = [pytest.mark.timeout(400), pytest.mark.long]
 
 DRAWN = """() => [...document.querySelectorAll(".plot")].map(plot => plot.calcdata.map(
     points => [points[0].trace.name, points.length]))"""
