@@ -81,7 +81,7 @@ def hidden_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ended.log
 
 
-@pytest.fixture(params=["rest 7", "hidden 8"])
+@pytest.fixture(params=["rest 7", pytest.param("hidden 8", marks=pytest.mark.long)])
 def rest_log(request: pytest.FixtureRequest) -> Path:
     """A run from rest on each of two emulated rigs."""
     if request.param == "hidden 8":

@@ -228,6 +228,7 @@ def test_a_killed_run_leaves_a_drive_that_trips_by_itself_and_that_no_run_resets
         assert "motor.trimmed" in [event.code for event in reader.events()]
 
 
+@pytest.mark.long
 def test_a_lost_inverter_is_left_to_its_watchdog(mortal_crank: SpiedCrank, tmp_path: Path) -> None:
     with command("run", mortal_crank.scenario, "--bench", mortal_crank.file, "--out", tmp_path) as run:
         run.await_line("recording")

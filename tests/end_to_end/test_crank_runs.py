@@ -66,7 +66,7 @@ def spatial_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ended.log
 
 
-@pytest.fixture(params=[PLANAR, SPATIAL])
+@pytest.fixture(params=[PLANAR, pytest.param(SPATIAL, marks=pytest.mark.long)])
 def rig_and_log(request: pytest.FixtureRequest) -> tuple[str, Path]:
     name = "planar_log" if request.param == PLANAR else "spatial_log"
     return request.param, request.getfixturevalue(name)

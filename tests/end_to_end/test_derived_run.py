@@ -55,6 +55,7 @@ def test_the_two_sides_are_hit_half_a_cycle_apart(settled_log: Path) -> None:
     assert min(map(abs, mean.values())) > 0.5
 
 
+@pytest.mark.long
 def test_a_run_that_is_stopped_has_all_that_follows_from_what_it_recorded(tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path / "scenario.toml", settle_s=1.0, duration_s=30.0)
     with command("run", scenario, "--out", tmp_path) as run:

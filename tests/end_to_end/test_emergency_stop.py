@@ -140,6 +140,7 @@ def test_a_frozen_run_is_switched_off_by_the_supervisor_as_soon(
     assert 0.0 <= stopping_s(ended.log) - pressed_s < IN_TIME_S
 
 
+@pytest.mark.long
 def test_one_on_the_inverter_stops_the_motor(tmp_path: Path) -> None:
     with (
         spied_crank(tmp_path, stop=Terminal.RH) as crank,

@@ -208,6 +208,7 @@ def test_a_disk_that_takes_no_more_stops_the_rig(bench: SpiedBench, tmp_path: Pa
     assert_readable(disk_failed(ended.log), complete=False)
 
 
+@pytest.mark.long
 def test_a_run_that_gets_no_more_memory_records_to_its_end(bench: SpiedBench, tmp_path: Path) -> None:
     """But for a little: what it needs while it records it has by then. Its report may want more."""
     scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=3.0)
@@ -225,6 +226,7 @@ def test_a_run_that_gets_no_more_memory_records_to_its_end(bench: SpiedBench, tm
         assert reader.series("measured", "drive.force").end_sample == 3 * 51_200
 
 
+@pytest.mark.long
 def test_a_viewer_that_dies_is_not_noticed(bench: SpiedBench, tmp_path: Path) -> None:
     """And, for the bench is all real: the log is laid out as on an emulated one."""
     limits = '[limits."drive.force"]\nwarning = "5 N"'  # of which the run takes note, and goes on

@@ -26,7 +26,7 @@ def layout(path: Path) -> dict[str, dict[str, str]]:
         }
 
 
-@pytest.mark.parametrize("emulated", ["card", "generator"])
+@pytest.mark.parametrize("emulated", [pytest.param("card", marks=pytest.mark.long), "generator"])
 def test_half_of_the_bench_may_be_emulated(
     bench: SpiedBench, tmp_path: Path, settled_log: Path, emulated: str
 ) -> None:

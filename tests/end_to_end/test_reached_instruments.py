@@ -33,6 +33,7 @@ def printed_bench(emulators: Command) -> str:
 SHORT, *OTHERS = RIGS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rig", [SHORT, *(pytest.param(rig, marks=pytest.mark.long) for rig in OTHERS)])
 def test_the_printed_lines_are_a_bench_that_a_run_takes(rig: str, tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.toml"

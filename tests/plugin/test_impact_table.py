@@ -171,6 +171,7 @@ def test_its_twin_hits_the_stop_and_hardly_with_another_gap(rattle: Rattle, tmp_
         assert float(np.max(stop)) == pytest.approx(nominal["largest_n"], rel=0.05)  # by its filter
 
 
+@pytest.mark.long
 def test_it_runs_on_its_emulated_bench_and_is_replayed(rattle: Rattle, tmp_path: Path) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text('[thermometer]\nemulated = true\nperiod = "0.25 s"\n')

@@ -339,6 +339,7 @@ def test_many_events_of_one_kind_are_read(tmp_path: Path) -> None:
         assert len(opened.events()) == 10_000
 
 
+@pytest.mark.long
 def test_samples_by_the_hundred_thousand_one_by_one_are_read(tmp_path: Path) -> None:
     """Fifty slow channels for ten minutes, in chunks as another program may cut them."""
     number, parts, chunks = 300_000, [], []

@@ -148,6 +148,7 @@ def test_the_next_experiment_is_a_scenario_of_the_same_rig(campaign: Campaign) -
     assert load_scenario(campaign.out / "next_experiment.toml") == scenario
 
 
+@pytest.mark.long
 def test_the_gap_with_the_effects_file_is_what_the_diagnosis_said(campaign: Campaign, call: Call) -> None:
     effects = campaign.out / "effects.json"
     assert [name for name, _ in load_effects(effects, MODEL.effects)] == ["clearance"]

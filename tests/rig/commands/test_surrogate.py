@@ -161,6 +161,7 @@ def test_a_floor_that_nobody_knows_is_not_said_to_be_nothing(call: Call, tmp_pat
     assert "times as far off" not in answer.err
 
 
+@pytest.mark.long
 def test_samples_count_once(call: Call, logs: list[Path], tmp_path: Path) -> None:
     """Also those of a copy with predictions in it, which lies beside its run."""
     assert train(call, logs, tmp_path / "crank.npz").code == 0
