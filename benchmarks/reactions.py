@@ -62,6 +62,8 @@ _ACTUATORS = ("generator", "inverter")
 _ANY_THREAD = 0x40000000  # __WALL
 _GUARDS = ("main", "acquisition", "guard", "encoder", "inverter")
 """Threads that guard or drive."""
+_VIEWERS = ("live view", "time line", "rerun")
+"""The processes of the live view, by their names."""
 _NAMED = """\
 import ctypes, runpy, threading
 set_native_id, prctl = threading.Thread._set_native_id, ctypes.CDLL(None).prctl
@@ -289,10 +291,9 @@ def _lost(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[s
 
 def _viewer(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
     _await(lambda: b"recording" in terminal.shown, _PATIENCE_S, terminal)
-    [server] = [child for child in _family(terminal.run.pid) if "--serve-web" in child.cmdline()]
-    view = server.parent()
-    assert view is not None
-    for viewer in (view, server):
+    viewers = [each for each in _family(terminal.run.pid) if each.name() in _VIEWERS]
+    assert len(viewers) == len(_VIEWERS)
+    for viewer in viewers:
         viewer.kill()
     time.sleep(1.0)
     terminal.run.send_signal(signal.SIGINT)

@@ -1,7 +1,7 @@
 """The operator's page: one small server a machine on a port that stays; runs and replays tell it their state.
 
 It holds the newest state and nothing else, so that a browser that is slow sees fewer states and no old ones.
-A run is joined by one connection, in its view process; that nobody serves, or hangs, costs it nothing.
+A run is joined by one connection, in its page process; that nobody serves, or hangs, costs it nothing.
 """
 
 from __future__ import annotations

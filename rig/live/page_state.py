@@ -18,7 +18,7 @@ from daq.log.records import Event, Impact
 from rig.live import paths
 from rig.live.picture import Layout
 from rig.live.sketch import FRAMES
-from rig.live.view import Dropped, Levels, Progress, Shown, Swept
+from rig.live.view import Dropped, Elsewhere, Levels, Progress, Shown, Swept
 from rig.pages.words import as_written, number
 from rig.stream import Block, LastSeconds, Record, Shape
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
@@ -107,9 +107,9 @@ def _extremes(values: Array, starts: NDArray[np.int64]) -> Array:
 class PageState:
     """Takes every record of a run and hands its state, as JSON, to `publish` a few times a second."""
 
-    def __init__(self, publish: Callable[[bytes], None], explore: str = "") -> None:
+    def __init__(self, publish: Callable[[bytes], None]) -> None:
         self._publish = publish
-        self._explore = explore
+        self._elsewhere = ""
         self._progress = Progress("starting")
         self._layout = Layout("", {}, {})
         self._started = self._newest_ns = 0
@@ -159,6 +159,8 @@ class PageState:
                 self._note_levels(dict(zip(self._layout.origins.get("measured", ()), most, strict=False)))
             case Swept():
                 self._swept = frame
+            case Elsewhere(url):
+                self._elsewhere = url
             case Dropped(records):
                 self._dropped = records
             case Event():
@@ -214,10 +216,10 @@ class PageState:
         begin_s = time.monotonic()
         if begin_s < self._due_s + (0.0 if self._changed else _SAID_AGAIN_S):
             return
+        spent_s = time.thread_time()
         self._publish(json.dumps(self._state(), separators=(",", ":")).encode())
         self._changed = False
-        took_s = time.monotonic() - begin_s
-        self._due_s = begin_s + max(PERIOD_S, _SHARE * took_s)
+        self._due_s = begin_s + max(PERIOD_S, _SHARE * (time.thread_time() - spent_s))
 
     def _state(self) -> dict[str, Any]:
         layout, progress = self._layout, self._progress
@@ -230,7 +232,7 @@ class PageState:
             "title": layout.title,
             "stage": progress._asdict(),
             "ended": self._ended,
-            "explore": self._explore,
+            "explore": self._elsewhere,
             "newest": self._newest_ns / NS_PER_S,
             "cycle_s": self._grid[1] if layout.cycle_s else None,
             "bin_s": bin_s,

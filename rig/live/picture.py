@@ -85,7 +85,7 @@ class Stage:
 
 
 class Play(Protocol):
-    """Fills a rig's views in the view process; each call does a bounded amount of work."""
+    """Fills a rig's views in the time line's process; each call does a bounded amount of work."""
 
     def open(self) -> None: ...
 

@@ -20,7 +20,7 @@ from rig.live import paths
 from rig.live.axes import SpectrumPicture
 from rig.live.picture import Layout, OwnViews, Stage
 from rig.live.series import CycleFigurePlots, line_style
-from rig.live.view import Dropped, Levels, Progress, Shown, Swept
+from rig.live.view import Dropped, Elsewhere, Levels, Progress, Shown, Swept
 from rig.stream import Block, LastSeconds, Record, Shape
 
 Item = TypeVar("Item")
@@ -113,12 +113,10 @@ class Scene:
         """Show each as soon as it is due, until there are no more."""
         for frame in frames:
             match frame:
-                case Progress() | Levels() | Layout():
-                    continue
+                case Progress() | Elsewhere() | Levels() | Swept() | Layout():
+                    continue  # of the page alone
                 case Dropped(records):
                     self._show_dropped(records)
-                case Swept():
-                    pass  # of the page alone
                 case Shape():
                     self._order.add(frame.time_s, frame)
                 case Block("derived", samples):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import multiprocessing
 import os
 import pickle
 import tempfile
@@ -50,6 +51,12 @@ class Progress(NamedTuple):
     unit: str = "s"
 
 
+class Elsewhere(NamedTuple):
+    """Where the page's reader can step through time: the address of Rerun's page."""
+
+    url: str
+
+
 class Levels(NamedTuple):
     """The largest magnitude of each measured channel in a reading that ends at `time_ns`, recorded or not."""
 
@@ -70,19 +77,25 @@ class Swept(NamedTuple):
     plots: dict[str, dict[str, list[tuple[float, float] | None]]]
 
 
-Shown = Block | Shape | Event | Impact | Dropped | Layout | Progress | Levels | Swept
-"""What goes to the view process; of anything else no view shows something."""
+Shown = Block | Shape | Event | Impact | Dropped | Layout | Progress | Elsewhere | Levels | Swept
+"""What goes to the view's processes; of anything else no view shows something."""
+
+
+def queue_bytes(layout: Layout) -> int:
+    """How much may wait on its way to who shows these channels."""
+    return max(sum(map(len, layout.origins.values())), _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE
 
 
 class Sender:
     """Pickled records in memory, at most `maximum_bytes` of them, and a thread that sends them.
 
-    A full memory drops its oldest record and counts it in `dropped`. Once the reader is gone `broken` is set
-    and nothing is kept.
+    A full memory drops its oldest record and counts it in `dropped`; the reader is told of these and of those
+    `lost_before`. Once the reader is gone `broken` is set and nothing is kept.
     """
 
-    def __init__(self, pipe: Connection, maximum_bytes: int) -> None:
+    def __init__(self, pipe: Connection, maximum_bytes: int = _LEAST_TRACES * _QUEUE_BYTES_A_TRACE) -> None:
         self.dropped = 0
+        self.lost_before = 0
         self.broken = False
         self._pipe = pipe
         self.maximum_bytes = maximum_bytes
@@ -97,12 +110,14 @@ class Sender:
 
     def offer(self, record: Record | Shown) -> None:
         """Queue a copy of a record that a view shows; returns at once, whatever the reader does."""
-        if self._stop.is_set() or not isinstance(record, Shown):
-            return
+        if not self._stop.is_set() and isinstance(record, Shown):
+            self.pass_on(b"" if self.broken else pickle.dumps(record, pickle.HIGHEST_PROTOCOL))
+
+    def pass_on(self, pickled: bytes) -> None:
+        """Queue a record that has been pickled already."""
         if self.broken:
             self.dropped += 1
             return
-        pickled = pickle.dumps(record, pickle.HIGHEST_PROTOCOL)
         with self._lock:
             self._waiting.append(pickled)
             self._bytes += len(pickled)
@@ -122,8 +137,8 @@ class Sender:
         try:
             while True:
                 stopping = self._stop.wait(_PERIOD_S)
-                if told != self.dropped:
-                    told = self.dropped
+                if told != self.dropped + self.lost_before:
+                    told = self.dropped + self.lost_before
                     self._pipe.send(Dropped(told))
                 while True:
                     with self._lock:
@@ -139,14 +154,23 @@ class Sender:
             self.broken = True  # the reader died; the log does not depend on it
 
 
+class Processes(NamedTuple):
+    """Their ids: the operator's page, Rerun's time line, Rerun's own server."""
+
+    page: int
+    time_line: int
+    server: int
+
+
 class LiveView:
     """Shows a run while it runs; opened and closed in one thread, offered to from any.
 
-    `url` is that of Rerun's time line. With `page_port` the operator's page there is told as well, from the
-    start on; 0 is a page of its own, at `page_url`. Two processes work behind it, one that talks to Rerun and
-    Rerun's own server, both on loopback only. When they stall or die, what is offered is dropped and counted
-    in `dropped`; the caller does not notice. In Rerun measured data waits up to `patience_s` for its
-    prediction, so that both appear together.
+    The operator's page at `page_port` is told of it from the start on; 0 is a page of its own, at `page_url`.
+    `url` is that of Rerun's time line. Three processes work behind it, all on loopback only: one tells the
+    page, and hands on what it got to the one that talks to Rerun, which takes many times as long; Rerun's own
+    server belongs to that. When they stall or die, what is offered is dropped and counted in `dropped`; the
+    caller does not notice. In Rerun measured data waits up to `patience_s` for its prediction, so that both
+    appear together.
     """
 
     offer: Callable[[Record | Shown], None]
@@ -157,7 +181,7 @@ class LiveView:
         layout: Layout | None = None,
         patience_s: float = 3.0,
         memory_limit: str = "64MB",
-        page_port: int | None = None,
+        page_port: int = 0,
     ) -> None:
         self.url = ""
         self.sink_url = ""
@@ -169,12 +193,17 @@ class LiveView:
         self._started = self._open = False
 
     def start(self) -> LiveView:
-        """Start both processes, which takes seconds; what is offered from now on waits for them."""
+        """Start the processes, which takes seconds; what is offered from now on waits for them."""
         self._complaints = tempfile.NamedTemporaryFile()  # noqa: SIM115  closed in close()
-        arguments = (self._complaints.name, self._patience_s, self._memory_limit, self._page_port)
-        self._child = Child("live view", _show, *arguments, grace_s=LAST_WORDS_S)
-        self._child.start()
-        self._sender = Sender(self._child.pipe, _LEAST_TRACES * _QUEUE_BYTES_A_TRACE)
+        said = self._complaints.name
+        reading, writing = multiprocessing.Pipe(duplex=False)
+        with reading, writing:
+            arguments = (reading, said, self._patience_s, self._memory_limit)
+            self._time_line = Child("time line", _time_line, *arguments, grace_s=LAST_WORDS_S)
+            self._time_line.start()
+            self._page = Child("live view", _page, writing, said, self._page_port, grace_s=LAST_WORDS_S)
+            self._page.start()
+        self._sender = Sender(self._page.pipe)
         self._sender.start()
         self.offer = self._sender.offer
         self._started = True
@@ -184,32 +213,32 @@ class LiveView:
 
     def show(self, layout: Layout) -> None:
         """Show these channels from now on."""
-        traces = sum(map(len, layout.origins.values()))
-        self._sender.maximum_bytes = max(traces, _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE
+        self._sender.maximum_bytes = queue_bytes(layout)
         cycles_s = math.inf if layout.cycle_s is None else _CYCLES * layout.cycle_s
         self.offer(replace(layout, window_s=min(_WINDOW_S, cycles_s)))
 
     def open(self) -> LiveView:
-        """Start, and wait until the page is there; raises InstrumentAbsent if it does not come."""
+        """Start, and wait until all is there; raises InstrumentAbsent if it does not come."""
         if not self._started:
             self.start()
-        complaints = self._complaints
-        answer: Any = ""
-        with contextlib.suppress(EOFError, OSError):
-            answer = self._child.pipe.recv() if self._child.pipe.poll(_START_TIMEOUT_S) else ""
-        if isinstance(answer, str):  # it says why there is no page, if it can
-            self._started = False
-            self._child.end(0.0)
-            self._sender.close(None)
-            lines = complaints.read().decode(errors="replace").split("\n")
-            said = next((line for line in reversed(lines) if line.strip()), "no word from it")
-            self._child.pipe.close()
-            complaints.close()
-            raise InstrumentAbsent("live view", "127.0.0.1", answer or f"it did not start: {said}")
-        self.url, self.sink_url, server, self.page_url = answer
+        [self.page_url] = self._answer_of(self._page)
+        self.url, self.sink_url, server = self._answer_of(self._time_line)
+        self.offer(Elsewhere(self.url))
         self._server = psutil.Process(server)
         self._open = True
         return self
+
+    def _answer_of(self, child: Child) -> tuple[Any, ...]:
+        """What it says once it is there; raises InstrumentAbsent, with all ended, if it does not come."""
+        answer: Any = ""
+        with contextlib.suppress(EOFError, OSError):
+            answer = child.pipe.recv() if child.pipe.poll(_START_TIMEOUT_S) else ""
+        if isinstance(answer, tuple):
+            return answer
+        lines = self._complaints.read().decode(errors="replace").split("\n")
+        said = next((line for line in reversed(lines) if line.strip()), "no word from it")
+        self.close(0.0)
+        raise InstrumentAbsent("live view", "127.0.0.1", answer or f"it did not start: {said}")
 
     @property
     def dropped(self) -> int:
@@ -218,29 +247,31 @@ class LiveView:
 
     @property
     def alive(self) -> bool:
-        """Whether both processes still run (they may be stalled)."""
-        if not (self._open and self._child.alive and self._server.is_running()):
+        """Whether all of its processes still run (they may be stalled)."""
+        if not (self._open and self._page.alive and self._time_line.alive and self._server.is_running()):
             return False
         return self._server.status() != psutil.STATUS_ZOMBIE
 
     @property
-    def processes(self) -> tuple[int, int]:
-        return self._child.pid or 0, self._server.pid
+    def processes(self) -> Processes:
+        return Processes(self._page.pid or 0, self._time_line.pid or 0, self._server.pid)
 
     def close(self, timeout_s: float = 4.0) -> None:
-        """Let the view show what it has, at most `timeout_s`, and end both processes."""
+        """Let the view show what it has, at most `timeout_s`, and end its processes."""
         if not self._started:
             return
         deadline = time.monotonic() + timeout_s
         self._sender.close(timeout_s / 3)
-        self._child.end(max(deadline - time.monotonic(), 0.0))
-        # the server dies with the view process, unless that was killed too early
+        for child in (self._page, self._time_line):  # in the order in which each has the last of it
+            child.end(max(deadline - time.monotonic(), 0.0))
+        # the server dies with the process that it belongs to, unless that was killed too early
         if self._open:
             with contextlib.suppress(psutil.NoSuchProcess):
                 self._server.kill()
         self._started = self._open = False
         self._sender.close(None)
-        self._child.pipe.close()
+        for child in (self._page, self._time_line):
+            child.pipe.close()
         self._complaints.close()
 
     def __enter__(self) -> LiveView:
@@ -250,14 +281,25 @@ class LiveView:
         self.close()
 
 
-def _show(
-    pipe: Connection, complaints: str, patience_s: float, memory_limit: str, page_port: int | None
+def _page(pipe: Connection, onward: Connection, complaints: str, page_port: int) -> None:
+    _apart(complaints)
+    from rig.live.page_process import tell_page
+
+    tell_page(pipe, onward, page_port)
+
+
+def _time_line(
+    pipe: Connection, records: Connection, complaints: str, patience_s: float, memory_limit: str
 ) -> None:
-    """In the view process, in a session of its own: what the terminal sends is for the sequencer alone."""
+    _apart(complaints)
+    from rig.live.time_line_process import serve
+
+    serve(pipe, records, patience_s, memory_limit)
+
+
+def _apart(complaints: str) -> None:
+    """In a session of its own, and what is printed goes to a file: neither is the terminal's."""
     os.setsid()
-    with open(complaints, "ab") as file:  # what Rerun has to say is not for the terminal either
+    with open(complaints, "ab") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
-    from rig.live.view_process import serve
-
-    serve(pipe, patience_s, memory_limit, page_port)

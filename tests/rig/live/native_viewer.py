@@ -15,7 +15,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from rig.live.paths import COLOURS
-from rig.live.view_process import viewer_environment, viewer_executable
+from rig.live.time_line_process import viewer_environment, viewer_executable
 
 DRAWN_PIXELS = 60
 """A line across a plot has hundreds of pixels of its own colour, a legend's dot under forty."""

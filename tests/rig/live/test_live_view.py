@@ -21,7 +21,7 @@ from daq.channel import Channel
 from daq.log.records import Event
 from rig.live.page_server import PageServer
 from rig.live.picture import layout_of
-from rig.live.view import LiveView, Progress
+from rig.live.view import LiveView, Processes, Progress
 from rig.stream import Block, Shape
 from tests.rig.synthetic_run import RATE, START_NS
 
@@ -29,7 +29,7 @@ MANY = tuple(Channel(f"channel_{index}", "N") for index in range(16))
 QUIET = np.zeros(5120, np.float32)
 CLOSE_S = 2.0
 
-VIEW_PROCESS, SERVER = 0, 1
+EACH = Processes._fields
 
 
 @pytest.fixture
@@ -77,9 +77,9 @@ def gone(process: int) -> bool:
     return not psutil.pid_exists(process) or psutil.Process(process).status() == psutil.STATUS_ZOMBIE
 
 
-@pytest.mark.parametrize("which", [VIEW_PROCESS, SERVER])
-def test_a_stalled_viewer_costs_the_caller_neither_time_nor_memory(view: LiveView, which: int) -> None:
-    stalled = view.processes[which]
+@pytest.mark.parametrize("which", EACH)
+def test_a_stalled_viewer_costs_the_caller_neither_time_nor_memory(view: LiveView, which: str) -> None:
+    stalled: int = getattr(view.processes, which)
     os.kill(stalled, signal.SIGSTOP)
     before = psutil.Process().memory_info().rss
     assert slowest_offer(view) < 0.02  # the figure asked for
@@ -89,26 +89,27 @@ def test_a_stalled_viewer_costs_the_caller_neither_time_nor_memory(view: LiveVie
     assert wait_until(lambda: gone(stalled))
 
 
-@pytest.mark.parametrize("which", [VIEW_PROCESS, SERVER])
-def test_a_killed_viewer_is_not_noticed_by_the_caller(view: LiveView, which: int) -> None:
+@pytest.mark.parametrize("which", EACH)
+def test_a_killed_viewer_is_not_noticed_by_the_caller(view: LiveView, which: str) -> None:
     processes = view.processes
     assert view.alive
-    os.kill(processes[which], signal.SIGKILL)
+    os.kill(getattr(processes, which), signal.SIGKILL)
     assert wait_until(lambda: not view.alive)
     assert slowest_offer(view) < 0.02
     assert closed_within_its_deadline(view)
     assert wait_until(lambda: all(gone(process) for process in processes))
 
 
-def test_a_stalled_view_process_makes_the_view_drop_and_count(view: LiveView) -> None:
-    os.kill(view.processes[VIEW_PROCESS], signal.SIGSTOP)
+def test_a_stalled_page_process_makes_the_view_drop_and_count(view: LiveView) -> None:
+    os.kill(view.processes.page, signal.SIGSTOP)
     offer(view, 6.0)  # 39 MB against a queue of 16 MiB and a pipe of 1 MiB
     assert view.dropped > 0
 
 
-def test_the_server_dies_with_the_view_process(view: LiveView) -> None:
-    os.kill(view.processes[VIEW_PROCESS], signal.SIGKILL)
-    assert wait_until(lambda: gone(view.processes[SERVER]))
+@pytest.mark.parametrize("which", ["page", "time_line"])
+def test_reruns_server_dies_with_what_feeds_it(view: LiveView, which: str) -> None:
+    os.kill(getattr(view.processes, which), signal.SIGKILL)
+    assert wait_until(lambda: gone(view.processes.server))
 
 
 def test_everything_listens_on_loopback_only(view: LiveView) -> None:
@@ -154,7 +155,7 @@ def test_when_the_acquisition_is_killed_its_view_ends_too() -> None:
     parent = subprocess.run(command, stdout=subprocess.PIPE, check=False, timeout=60)  # noqa: S603
     assert parent.returncode == -signal.SIGKILL
     processes = [int(text) for text in parent.stdout.split()]
-    assert len(processes) == 2
+    assert len(processes) == 3
     assert wait_until(lambda: all(gone(process) for process in processes))
 
 
@@ -169,10 +170,14 @@ def test_offering_16_channels_at_51200_hz_takes_under_3_percent_of_a_core(view: 
     assert view.dropped == 0
 
 
-def test_the_page_is_told_also_once_reruns_server_is_gone_and_that_it_is_over() -> None:
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("which", ["time_line", "server"])
+def test_the_page_is_told_also_once_the_time_line_is_gone_or_hangs_and_that_it_is_over(
+    which: str, how: signal.Signals
+) -> None:
     with PageServer(0) as page, ExitStack() as stack:
         live = stack.enter_context(LiveView(layout_of("16 channels", MANY, MANY), page_port=page.port))
-        os.kill(live.processes[SERVER], signal.SIGKILL)
+        os.kill(getattr(live.processes, which), how)
 
         def told() -> Any:
             found = page.after(0)

@@ -22,7 +22,7 @@ from rig.live.picture import Bounds, Picture, layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
-from rig.live.view import Levels, Progress, Swept
+from rig.live.view import Elsewhere, Levels, Progress, Swept
 from rig.stream import Block, Shape, Stream
 from tests.rig import synthetic_run
 from tests.rig.browser import browser_page, faults_of_texts, needs_chromium
@@ -122,7 +122,8 @@ def fill(
 def shown(page: Page, server: PageServer, fill_state: Callable[[PageState], None]) -> dict[str, Any]:
     """Tell the page what a run comes to, and wait until it has drawn that."""
     states: list[bytes] = []
-    state = PageState(states.append, "http://127.0.0.1:1/")
+    state = PageState(states.append)
+    state.take(Elsewhere("http://127.0.0.1:1/"))
     fill_state(state)
     state.look()
     page.evaluate("() => { looks.length = 0; }")

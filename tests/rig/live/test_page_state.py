@@ -13,12 +13,12 @@ import pytest
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.records import Impact
+from rig.live.page_process import records
 from rig.live.page_state import PERIOD_S, PageState
 from rig.live.picture import Bounds, layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.view import Levels, Progress, Swept
-from rig.live.view_process import _frames
 from rig.stream import Block, Shape
 
 RATE, START_NS, CYCLE_S = 10_000.0, 1_790_000_000_000_000_000, 0.05
@@ -225,6 +225,6 @@ def test_a_run_that_is_killed_is_said_to_have_gone() -> None:
     ours, theirs = Pipe()
     theirs.send(Progress("recording"))
     theirs.close()
-    assert list(_frames(ours, told.state)) == [Progress("recording")]
+    assert [frame for _, frame in records(ours, told.state)] == [Progress("recording")]
     ours.close()
     assert told.newest()["stage"]["text"] == "the run has gone without a word"

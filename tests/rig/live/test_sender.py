@@ -1,4 +1,4 @@
-"""What goes from the acquisition to the view process: in order, as it was, and never waited for."""
+"""What goes from the acquisition to the view's processes: in order, as it was, and never waited for."""
 
 from __future__ import annotations
 

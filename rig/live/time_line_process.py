@@ -1,7 +1,7 @@
 """The process that talks to Rerun: shows the records that come until there are no more.
 
 Rerun blocks its caller while the viewer's server stalls, and drops without a word once it is gone: so all of
-it happens here, where nobody waits.
+it happens here, where nobody waits. What comes faster than Rerun takes it is dropped by who sends it.
 """
 
 from __future__ import annotations
@@ -12,29 +12,25 @@ import os
 import signal
 import socket
 import subprocess
-import threading
 import time
 from collections.abc import Iterator
 from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from pathlib import Path
-from queue import Full, Queue
 from urllib.parse import quote
 
 import rerun as rr
 
 from daq.errors import InstrumentAbsent
 from rig.live.blueprint import blueprint
-from rig.live.page_server import PageServer, Teller
-from rig.live.page_state import PERIOD_S, PageState
 from rig.live.picture import Layout
 from rig.live.scene import Scene
-from rig.live.view import LAST_WORDS_S, Dropped, Progress, Shown
+from rig.live.view import LAST_WORDS_S, Shown
 
 _HOST = "127.0.0.1"
 _START_TIMEOUT_S = 15.0
-_WAITING = 4096
-"""Records on their way to Rerun: 3 s of 64 channels, measured and predicted."""
+_NICE = 10
+"""It can wait: acquisition, twin and the operator's page, which share the processor with it, cannot."""
 _PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
@@ -108,73 +104,31 @@ def _listens(port: int) -> bool:
         return False
 
 
-def serve(pipe: Connection, patience_s: float, memory_limit: str, page_port: int | None) -> None:
-    """Serve one view until None comes.
+def serve(pipe: Connection, records: Connection, patience_s: float, memory_limit: str) -> None:
+    """Show the records that come until None does.
 
-    The first answer is Rerun's two addresses, the server's process, and the address of the operator's page.
+    The first answer on `pipe` is Rerun's two addresses and the server's process.
     """
+    os.nice(_NICE)
     try:
-        with contextlib.ExitStack() as stack:
-            page_url, tell = "", None
-            if page_port is not None:
-                own = stack.enter_context(PageServer(0)) if page_port == 0 else None
-                tell = Teller(page_port if own is None else own.port)
-                stack.callback(tell.close, LAST_WORDS_S)
-                page_url = "" if own is None else own.url
-            server = stack.enter_context(ViewerServer(memory_limit))
-            rerun_url = f"http://{_HOST}:{server.web_port}/?url={quote(server.sink_url, safe='')}"
-            pipe.send((rerun_url, server.sink_url, server.pid, page_url))
-            state = None if tell is None else PageState(tell, rerun_url)
-            waiting = Queue[Shown | None](_WAITING)
-            frames = iter(waiting.get, None)
-            showing = threading.Thread(target=_show, args=(frames, server.sink_url, patience_s), daemon=True)
-            showing.start()
-            _hand_on(_frames(pipe, state), waiting)
-            showing.join(LAST_WORDS_S)
-            if state is not None:
-                state.end()
+        with ViewerServer(memory_limit) as server:
+            url = f"http://{_HOST}:{server.web_port}/?url={quote(server.sink_url, safe='')}"
+            pipe.send((url, server.sink_url, server.pid))
+            _show(_frames(records), server.sink_url, patience_s)
     except InstrumentAbsent as error:
         pipe.send(str(error))
 
 
-def _hand_on(frames: Iterator[Shown], waiting: Queue[Shown | None]) -> None:
-    """To Rerun's thread; where too much waits there, the older half is dropped, and counted with the rest."""
-    before = lost = 0
-    for frame in frames:
-        if isinstance(frame, Dropped):
-            before = frame.records
-        if waiting.full():
-            for _ in range(_WAITING // 2):
-                waiting.get()
-            lost += _WAITING // 2
-            waiting.put(Dropped(before + lost))
-        waiting.put(Dropped(before + lost) if isinstance(frame, Dropped) else frame)
-    with contextlib.suppress(Full):
-        waiting.put(None, timeout=LAST_WORDS_S)
-
-
-def _frames(pipe: Connection, state: PageState | None) -> Iterator[Shown]:
-    """What comes, until None does; the page's state hears of it first."""
-    while True:
-        try:
-            while state is not None and not pipe.poll(PERIOD_S):
-                state.look()
-            frame = pipe.recv()
-        except (EOFError, OSError):
-            frame = None
-            if state is not None:
-                state.take(Progress("the run has gone without a word"))
-        if frame is None:
-            return
-        if state is not None:
-            state.take(frame)
-            state.look()
-        yield frame
+def _frames(records: Connection) -> Iterator[Shown]:
+    """What comes, until None does or whoever sent it is gone."""
+    with contextlib.suppress(EOFError, OSError):
+        while (frame := records.recv()) is not None:
+            yield frame
 
 
 def _show(frames: Iterator[Shown], sink_url: str, patience_s: float) -> None:
     """In Rerun, from the first layout on."""
-    recording = scene = None  # in a thread of its own: Rerun blocks where its server is gone or hangs
+    recording = scene = None
     for frame in frames:
         if isinstance(frame, Layout):
             recording = rr.RecordingStream("rattle")

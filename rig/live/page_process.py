@@ -1,0 +1,70 @@
+"""The process that tells the operator's page what a run gives, and hands it on to the time line's."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from contextlib import ExitStack
+from multiprocessing.connection import Connection
+
+from daq.errors import InstrumentAbsent
+from rig.live.page_server import PageServer, Teller
+from rig.live.page_state import PERIOD_S, PageState
+from rig.live.picture import Layout
+from rig.live.view import (
+    LAST_WORDS_S,
+    Dropped,
+    Elsewhere,
+    Levels,
+    Progress,
+    Sender,
+    Shown,
+    Swept,
+    queue_bytes,
+)
+
+_OF_THE_PAGE_ALONE = (Progress, Elsewhere, Levels, Swept)
+
+
+def tell_page(pipe: Connection, onward: Connection, page_port: int) -> None:
+    """Tell the page at `page_port`, 0: one of its own, until None comes; the first answer is its address."""
+    with ExitStack() as stack:
+        try:
+            own = stack.enter_context(PageServer(0)) if page_port == 0 else None
+        except InstrumentAbsent as error:
+            pipe.send(str(error))
+            return
+        tell = Teller(page_port if own is None else own.port)
+        stack.callback(tell.close, LAST_WORDS_S)
+        pipe.send(("" if own is None else own.url,))
+        time_line = Sender(onward)
+        time_line.start()
+        stack.callback(time_line.close, LAST_WORDS_S)
+        state = PageState(tell)
+        for pickled, frame in records(pipe, state):
+            match frame:
+                case Dropped(count):
+                    time_line.lost_before = count
+                case _ if not isinstance(frame, _OF_THE_PAGE_ALONE):
+                    if isinstance(frame, Layout):
+                        time_line.maximum_bytes = queue_bytes(frame)
+                    time_line.pass_on(pickled)
+        state.end()
+
+
+def records(pipe: Connection, state: PageState) -> Iterator[tuple[bytes, Shown]]:
+    """What comes, until None does, as it came and unpickled; the page's state has heard of it."""
+    while True:
+        try:
+            while not pipe.poll(PERIOD_S):
+                state.look()
+            pickled = pipe.recv_bytes()
+            frame: Shown | None = pickle.loads(pickled)  # noqa: S301 - by our own acquisition
+        except (EOFError, OSError):
+            frame = None
+            state.take(Progress("the run has gone without a word"))
+        if frame is None:
+            return
+        state.take(frame)
+        state.look()
+        yield pickled, frame
