@@ -21,6 +21,7 @@ _QUEUE_ITEMS = 1 << 16
 """12 s of 64 channels, measured and predicted, with two figures of each, in blocks of 75 ms: longer than a
 disk stalls. A second takes up to 26 MB."""
 SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
+_LAST_WORDS = 4096  # what is missing of each channel, and events
 _SHORT_S = 60.0  # of what it has been told to write: so long before it stops a recording says so
 _HUNG_DISK_S = 30.0  # a run that waits for ever for its disk could not be ended
 
@@ -30,7 +31,8 @@ class Recorder:
 
     Handing over never waits. It raises RecorderFailed once the writer has failed or the queue was full, which
     is the caller's sign to stop the rig: nothing is dropped in silence, and nothing comes behind a hole.
-    `refused` counts what was handed over in vain. With less than a GiB left on the disk none begins, and one
+    `refused` counts what was handed over in vain. Why it ended and what of each channel is missing is written
+    even so, at its end, as long as the writer can. With less than a GiB left on the disk none begins, and one
     that has begun tells a minute before, in `events`, and fails while it can still be finished.
     """
 
@@ -45,6 +47,8 @@ class Recorder:
             for name, look in each_s
         ]
         self._failure: RecorderFailed | None = None
+        self._writes = True  # until a write or a sync has failed
+        self._last_words = deque[Callable[[], None]](maxlen=_LAST_WORDS)
         self._begun_s = clock.monotonic_s()
         self._told_short, self._news = False, deque[Event]()
         self.high_water = self.refused = 0
@@ -82,7 +86,7 @@ class Recorder:
         self._put(lambda: self._writer.add_block(origin, block, host_ns))
 
     def event(self, event: Event) -> None:
-        self._put(lambda: self._writer.add_event(event))
+        self._put(lambda: self._writer.add_event(event), last_words=True)
 
     def gap(self, gap: Gap) -> None:
         """Record why samples are missing, before the block that follows them."""
@@ -92,7 +96,8 @@ class Recorder:
     def due(self, origin: str, channel: str, end_sample: int, cause: str) -> None:
         """What of a channel's samples up to `end_sample`, due by now, does not come is a gap."""
         host_ns = self._clock.unix_ns()
-        self._put(lambda: self._writer.due(origin, channel, end_sample, host_ns, cause))
+        cause = f"not recorded: {self._failure}" if self._failure and self._writes else cause
+        self._put(lambda: self._writer.due(origin, channel, end_sample, host_ns, cause), last_words=True)
 
     def impact(self, impact: Impact) -> None:
         """Record an impact, stamped with the time at which it was found: now."""
@@ -107,7 +112,8 @@ class Recorder:
         """Write what waits, finish the file; raises RecorderFailed if anything was lost."""
         if self._thread.is_alive():
             try:
-                self._queue.put(None, timeout=_HUNG_DISK_S)
+                for write in (*self._last_words, None):
+                    self._queue.put(write, timeout=_HUNG_DISK_S)
                 waits = -1
                 while self._thread.is_alive() and waits != (waits := self._queue.qsize()):
                     self._thread.join(_HUNG_DISK_S)  # one that is slow has all of it in the end
@@ -125,14 +131,17 @@ class Recorder:
             more = f"; {self.refused} more refused" if self.refused else ""
             raise RecorderFailed(f"{self._failure}{more}") from self._failure
 
-    def _put(self, write: Callable[[], None]) -> None:
+    def _put(self, write: Callable[[], None], last_words: bool = False) -> None:
         if self._failure is None:
             try:
                 self._queue.put_nowait(write)
             except queue.Full:
                 self._failure = RecorderFailed(f"{self._writer.path}: the disk is slower than the data")
         if self._failure is not None:
-            self.refused += 1
+            if last_words:
+                self._last_words.append(write)
+            else:
+                self.refused += 1
             raise self._failure
         self.high_water = max(self.high_water, self._queue.qsize())
 
@@ -145,8 +154,8 @@ class Recorder:
         while not self._closing.wait(SYNC_S):
             try:
                 look()
-            except RecorderFailed as error:
-                self._failure = self._failure or error
+            except Exception as error:  # top of a thread: the next hand-over tells the rig
+                self._failed(error)
                 return
 
     def _check_room(self) -> None:
@@ -165,8 +174,12 @@ class Recorder:
             words = f"{folder}: {left}: the run stops within a minute if it goes on so; make room"
             self._news.append(Event(self._clock.unix_ns(), "warning", "recorder", "disk.short", words))
 
+    def _failed(self, error: Exception) -> None:
+        if not isinstance(error, RecorderFailed):
+            error = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")
+        self._failure = self._failure or error
+
     def _run(self) -> None:
-        broken = False
         while True:
             try:
                 write = self._queue.get(timeout=LOOK_S)
@@ -174,12 +187,10 @@ class Recorder:
                 write = partial(self._writer.flush_if_older, self._clock.unix_ns())
             if write is None:
                 return
-            if broken:
+            if not self._writes:
                 continue
             try:
                 write()
-            except RecorderFailed as error:
-                broken, self._failure = True, self._failure or error
             except Exception as error:  # top of a thread: whatever it was, the next hand-over tells the rig
-                told = RecorderFailed(f"{self._writer.path}: {type(error).__name__}: {error}")
-                broken, self._failure = True, self._failure or told
+                self._writes = False
+                self._failed(error)
