@@ -2,7 +2,9 @@
 
 A run records on its emulated bench; at a random moment it is killed, its log recovered, and the end of each
 measured stream held against the moment of the kill: what was measured before it and is not there is lost.
-What the emulators sent is held against the log. One bench has a thermometer that is read once a second.
+What the emulators sent is held against the log. One bench has a thermometer that is read once a second. A run
+that ends by itself before it is killed, as on a machine too busy for the emulated line, is tried again, and
+told: one in twenty at most.
 Returns 1 if a log cannot be recovered, a sample is unaccounted for, or more than half a second is lost.
 
 Usage: python -m benchmarks.kills [kills] [--seed N]
@@ -31,6 +33,7 @@ from tests.accounting import discrepancies, late_s, sent_in
 
 ROOT = Path(__file__).parents[1]
 MOST_LOST_S = 0.5
+MOST_BEFORE = 20
 _SCENARIO = """\
 rig = "{rig}"
 [drive]
@@ -59,6 +62,10 @@ _SLOWEST_S = 1.0
 _LONGEST_S = 3.0
 """Of the record before the kill."""
 _START_S = 60.0
+
+
+class EndedBefore(RuntimeError):
+    """A run that had ended before it was killed."""
 
 
 def killed_run(rig: str, after_s: float, folder: Path) -> tuple[Path, int]:
@@ -90,7 +97,7 @@ def killed_run(rig: str, after_s: float, folder: Path) -> tuple[Path, int]:
                 break
         else:
             assert run.stderr is not None
-            raise RuntimeError("".join(said) + run.stderr.read())
+            raise EndedBefore("".join(said) + run.stderr.read())
         helpers = psutil.Process(run.pid).children(recursive=True)
         time.sleep(after_s)
         killed_ns = time.time_ns()
@@ -121,17 +128,25 @@ def lost_s(log: Path, killed_ns: int, recovered: Path) -> dict[str, float]:
 
 def worst_lost(kills: int, seed: int) -> Iterator[tuple[str, str, float, float]]:
     """Of so many kills: the rig, the stream that lost most, how much, and how late its samples came (s)."""
-    rng = np.random.default_rng(seed)
-    for number in range(kills):
+    rng, number, before = np.random.default_rng(seed), 0, 0
+    while number < kills:
         rig = list(RIGS)[number % len(RIGS)]
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             # half a second at least: before the first chunk ends there is nothing to lose
             after_s = float(rng.uniform(0.5, _LONGEST_S)) + (_SLOWEST_S if rig in _BESIDE else 0.0)
-            log, killed_ns = killed_run(rig, after_s, folder)
+            try:
+                log, killed_ns = killed_run(rig, after_s, folder)
+            except EndedBefore as error:
+                before += 1
+                print(f"{rig}: ended before: {str(error).strip().splitlines()[-1:]}", flush=True)
+                if before > kills // MOST_BEFORE:
+                    raise
+                continue
             each = lost_s(log, killed_ns, folder / "recovered.mcap")
             with LogReader(log) as reader:
                 late = late_s(reader)
+        number += 1
         worst = max(each, key=each.__getitem__)
         yield rig, worst, each[worst], late
 

@@ -15,6 +15,7 @@ import platform
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,10 +120,18 @@ def section(name: str, promise: Promise, short: bool) -> tuple[str, bool]:
     """Run it; its part of the page, and whether it held."""
     command = promise.short if short else promise.command
     began, at = time.monotonic(), datetime.datetime.now(datetime.UTC)
-    ran = subprocess.run(  # noqa: S603
-        [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    printed = (ran.stdout + ran.stderr).rstrip().splitlines()[-_LAST_LINES:]
+    printed = deque[str](maxlen=_LAST_LINES)
+    with subprocess.Popen(  # noqa: S603
+        [sys.executable, "-m", *command],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as ran:
+        assert ran.stdout is not None
+        for line in ran.stdout:
+            print(line, end="", flush=True)
+            printed.append(line.rstrip())
     verdict = "held" if ran.returncode == 0 else "NOT HELD"
     head = f"## {name.capitalize()}: {verdict}\n\n{promise.words}\n"
     spent = f"{at:%Y-%m-%d %H:%M} UTC, {time.monotonic() - began:.0f} s, `python -m {' '.join(command)}`;"

@@ -84,7 +84,12 @@ class SimulationFailed(RattleError, ArithmeticError):
 
 
 class InstrumentError(RattleError):
-    """An instrument did not do as asked; says which, where it is, and what to check."""
+    """An instrument did not do as asked; says which, where it is, and what to check.
+
+    `right_s` is when it was last seen to do so (s of the monotonic clock), where somebody looks.
+    """
+
+    right_s: float | None = None
 
     def __init__(self, instrument: str, address: str, what: str, check: str = "", code: str = "") -> None:
         self.instrument, self.address, self.what = instrument, address, what

@@ -10,6 +10,7 @@ import fcntl
 import hashlib
 import os
 import re
+import socket
 import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -138,7 +139,16 @@ def _names(address: str) -> list[str]:
     serial = re.fullmatch(r"(?:ASRL)?(/.+?)(?:::INSTR)?", address)
     if serial is not None:
         return list(dict.fromkeys([serial[1], os.path.realpath(serial[1])]))
-    return [address.casefold().replace("localhost", "127.0.0.1").replace("tcpip0::", "tcpip::")]
+    name = address.casefold().replace("tcpip0::", "tcpip::")
+    host = re.match(r"(tcpip::|socket://)([^:/]+)", name)
+    if host is None:
+        return [name]
+    resolved = host[2]
+    with suppress(OSError):
+        resolved = socket.gethostbyname(host[2])
+    now = f"{host[1]}{resolved}{name[host.end() :]}"
+    # an instrument has two doors; other ports may be other instruments, of a serial server
+    return list(dict.fromkeys([name, re.sub(r"::(5025::socket|(inst0::)?instr)$", "", now)]))
 
 
 def _opened(path: str) -> int:

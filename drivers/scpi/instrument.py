@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -31,6 +32,7 @@ class ScpiSource:
 
         self._link = ScpiLink(name, resource, timeout_s)
         self._kept: dict[str, Callable[[str], bool]] = {}  # by command: is an answer what was told?
+        self._right_s: dict[str, float] = {}  # when it was so last, monotonic
         self._stopped = False
         self._watched = cycle(watched)  # commands, one a call: the guard may be waiting
 
@@ -83,18 +85,22 @@ class ScpiSource:
         for _ in range(2):  # it may have been turned off while it was asked
             if (kept := self._kept.get(command)) is None:
                 return
-            answer = self._link.query(f"{command}?")
+            asked_s, answer = time.monotonic(), self._link.query(f"{command}?")
             with suppress(ValueError):
                 if kept(answer):
+                    self._right_s[command] = asked_s
                     return
-        raise self._refused(
+        error = self._refused(
             f"{command} is {answer}, which it was not told", "its panel, and who else commands it"
         )
+        error.right_s = self._right_s.get(command)
+        raise error
 
     def _reset(self) -> None:
         """As it was switched on, unless somebody else drives with it."""
         self._refuse_driving()
         self._kept.clear()
+        self._right_s.clear()
         self._stopped = False
         self._link.write("*RST")
         self._link.query("*OPC?")  # answered once the reset is done

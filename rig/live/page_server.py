@@ -255,7 +255,7 @@ def ensure_page(port: int) -> None:
     try:
         os.posix_spawn(
             sys.executable,
-            [sys.executable, "-m", "rig.start", "live", "--port", str(port)],
+            [sys.executable, "-P", "-m", "rig.start", "live", "--port", str(port)],  # nothing of this folder
             os.environ,
             file_actions=[(os.POSIX_SPAWN_DUP2, null, each) for each in (0, 1, 2)],
             setsid=True,  # what its terminal sends is not for it: it outlives the run

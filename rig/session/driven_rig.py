@@ -204,11 +204,11 @@ class DrivenRig:
                 return
 
             def prove(ordered: float) -> None:
-                """Raise before a soft start goes on where the measured force is beyond what was ordered."""
+                """Raise before a soft start goes on where the measured force is not what was ordered."""
                 self.watch.wait(ON_THEIR_WAY_S + force.over_s)
-                if beyond := force.above(ordered):
-                    self.logbook.tell("error", "drive.abort", beyond)
-                    raise InterlockTripped(f"interlock: {beyond}; the drive is off")
+                if unlike := force.unlike(ordered):
+                    self.logbook.tell("error", "drive.abort", unlike)
+                    raise InterlockTripped(f"interlock: {unlike}; the drive is off")
 
             self.motion = replace(self.motion, prove=prove)
 
@@ -366,8 +366,13 @@ class DrivenRig:
         until = self.acquisition.record_until
         return until is not None and self.acquisition.acquired >= until
 
+    @property
+    def _at_once(self) -> bool:
+        """Whether it is to stop without a ramp: by an emergency stop, or a person who has asked twice."""
+        return self.emergency_stop is not None or self._stop.asked > 1
+
     def ramp_down(self) -> None:
-        self._bring_to_rest(self.motion.cut if self.emergency_stop else self.motion.ramp_down)
+        self._bring_to_rest(self.motion.cut if self._at_once else self.motion.ramp_down)
         self.heed_emergency_stop()
         self._rests = True
         self.logbook.tell("info", "drive.off", "drive ramped down and off")
@@ -376,7 +381,8 @@ class DrivenRig:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
         try:
             if not self._rests:
-                cause, stopped_ns = sys.exc_info()[1], self._stopped_ns or self._stopping_ns()
+                cause = sys.exc_info()[1]
+                stopped_ns = self._stopped_ns or self._stopping_ns(cause)
                 if (seen := self.emergency_stop) is not None:
                     cause = seen
                     with suppress(RecorderFailed):
@@ -388,7 +394,7 @@ class DrivenRig:
                 with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
                     self.stream(Event(stopped_ns, "warning", "rig", STOPPING, text))
         finally:  # nothing that goes wrong with a log may keep the drive on
-            self._bring_to_rest(self.motion.cut if self.emergency_stop else self.motion.off)
+            self._bring_to_rest(self.motion.cut if self._at_once else self.motion.off)
 
     def close(self) -> None:
         """Hang up to what moves it, which nothing is sent to any more."""
@@ -411,10 +417,11 @@ class DrivenRig:
         self.watch.excuse(self.motion.longest_stop_s)
         stop()
 
-    def _stopping_ns(self) -> int:
-        """When the emergency stop was seen; now, where something else stops it."""
+    def _stopping_ns(self, cause: BaseException | None = None) -> int:
+        """When the emergency stop was seen; else until when what stops it was seen to be right, or now."""
         seen = self.emergency_stop
-        return self.clock.unix_ns() if seen is None else self.clock.at_ns(seen.at_s)
+        at_s = seen.at_s if seen else cause.right_s if isinstance(cause, InstrumentError) else None
+        return self.clock.unix_ns() if at_s is None else self.clock.at_ns(at_s)
 
     def _account(self, asked_s: float) -> None:
         """What was due of the record by then, in s since the card's sample 0, and does not come is a gap."""
@@ -464,13 +471,15 @@ class DrivenRig:
         while not ended.is_set():
             self.acquisition.alarm.wait(LOOK_S)
             self.acquisition.alarm.clear()
-            self._guarded_s = self.clock.monotonic_s()
+            now_s = self.clock.monotonic_s()
+            if self._moves and now_s - self._guarded_s > HUNG_S:  # it all slept, and was switched off
+                self._stopped_ns = self._stopped_ns or self.clock.at_ns(self._guarded_s)
+            self._guarded_s = now_s
             self._latching.give(self.emergency_stop)
             stop = None
             with self._deciding:
                 if (found := self._dangers()) > self._met:
-                    # what comes while it stops already, a person who asks twice, an emergency stop: no ramp
-                    cut = self._stops or self._stop.asked > 1 or self.emergency_stop is not None
+                    cut = self._stops or self._at_once  # also by what comes while it stops already
                     if not self._unsafe:
                         self._unsafe_until_s = self._guarded_s + self.motion.longest_stop_s
                     self._met, self._stops, self._unsafe = found, True, self._unsafe + 1

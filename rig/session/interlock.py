@@ -96,6 +96,8 @@ _OVER_S = 0.2  # two readings of the card; a whole cycle where that is longer
 _ALL = 0.02
 _BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 """What sensors and amplifiers may differ by; a force below 1 % of what the bench allows endangers nothing."""
+_DEAD = 1 / 3
+"""Of what an order shows: a sensor that shows less would not show too much either."""
 
 
 class ForceWatch:
@@ -163,17 +165,19 @@ class ForceWatch:
         off_hz = turned * self._rate / (2 * np.pi * samples) if whole and samples else math.nan
         self.frequency_hz = self._nominal_hz + off_hz
 
-    def above(self, ordered: float) -> str:
-        """How the force is beyond what was ordered, N; empty where it is not."""
+    def unlike(self, ordered: float) -> str:
+        """How the force is not what was ordered, N, by far, and what to look at; empty where it is."""
         if not math.isfinite(self._force):
             return f"{self.channel.name} shows no number"
-        if not self._force > _BEYOND_ORDER * self.shown(ordered) + _FAINT * self.highest:
+        shown, faint = self.shown(ordered), _FAINT * self.highest
+        if self._force > _BEYOND_ORDER * shown + faint:
+            check = "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
+        elif self._force < _DEAD * shown - faint:
+            check = "the sensor and its cable, without which nothing guards the bench; the amplifier"
+        else:
             return ""
         shows = f"{self.channel.name} = {self._force:.3g} {self.channel.unit}"
-        return (
-            f"{shows} where {ordered:.3g} is ordered{self.of_which(ordered)}: "
-            "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
-        )
+        return f"{shows} where {ordered:.3g} is ordered{self.of_which(ordered)}: {check}"
 
 
 BACK_S = 0.15

@@ -193,7 +193,12 @@ class Screen:
         return pressed
 
     def confirm(self, text: str, ended: Callable[[], bool] | None = None) -> None:
-        """Wait for Enter, or until `ended`; raises RattleError where nobody can press it."""
+        """Wait for Enter, or until `ended`; raises RattleError where nobody can press it.
+
+        What was typed at a terminal before it was asked is no answer.
+        """
+        while sys.stdin is not None and sys.stdin.isatty() and _typed():
+            pass
         try:
             if ended is not None and sys.stdin is not None:  # a line that is read begins no wait anew
                 self.console.print(text, end="", markup=False)

@@ -13,8 +13,9 @@ from types import FrameType
 from daq.errors import RattleError
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-_AGAIN_S = 0.3
-"""One wish may come as several signals, of the terminal and of what started the run: they count as one."""
+_ECHO_S, _AGAIN_S = 0.05, 0.3
+"""One wish may come as several signals, the same one or others, of the terminal and of what started the run:
+they count as one. Nobody presses a key again as soon as the first."""
 
 
 class Stopped(RattleError, RuntimeError):
@@ -26,7 +27,7 @@ class StopRequest:
 
     def __init__(self) -> None:
         self._before: dict[signal.Signals, object] = {}  # handlers to put back; an outer request among them
-        self.asked, self._asked_s = 0, -math.inf
+        self.asked, self._asked_s, self._asked_by = 0, -math.inf, 0
         self._at_once = False
 
     def __enter__(self) -> StopRequest:
@@ -57,9 +58,9 @@ class StopRequest:
             self._at_once = False
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        if time.monotonic() - self._asked_s < _AGAIN_S:
+        if time.monotonic() - self._asked_s < (_ECHO_S if number == self._asked_by else _AGAIN_S):
             return
-        self._asked_s = time.monotonic()
+        self._asked_s, self._asked_by = time.monotonic(), number
         self.asked += 1
         outer = getattr(self._before.get(signal.Signals(number)), "__self__", None)
         if isinstance(outer, StopRequest):

@@ -48,6 +48,25 @@ def test_it_is_held_once_until_it_is_given_back_and_no_file_is_left(folder: Path
     assert_free()
 
 
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("TCPIP::localhost::5026::SOCKET", "TCPIP0::127.0.0.1::5026::SOCKET"),
+        ("TCPIP::localhost::5025::SOCKET", "TCPIP::127.0.0.1::INSTR"),
+        ("TCPIP::127.0.0.1::inst0::INSTR", "TCPIP::127.0.0.1::INSTR"),
+        ("socket://localhost:5020", "socket://127.0.0.1:5020"),
+    ],
+)
+def test_an_instrument_of_two_names_is_one(one: str, other: str) -> None:
+    with lock("generator", one), pytest.raises(InstrumentRefused, match="in use by"):
+        lock("generator", other)
+
+
+def test_two_ports_of_a_serial_server_are_two_instruments() -> None:
+    with lock("generator", "TCPIP::127.0.0.1::4001::SOCKET"):
+        assert_free("TCPIP::127.0.0.1::4002::SOCKET")
+
+
 def test_a_process_that_is_killed_gives_it_back(folder: Path) -> None:
     command = [sys.executable, "-c", HOLDER, PORT, str(folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:  # noqa: S603

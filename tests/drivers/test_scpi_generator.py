@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import multiprocessing
 import socket
+import time
 from collections.abc import Iterator
 from itertools import pairwise
 from multiprocessing.connection import Connection
@@ -173,14 +174,18 @@ def test_whatever_another_program_turns_is_found(
     try:
         driver.arm_sine(20.0, 1.0, 0.0, triggered=triggered)
         driver.start()
+        started_s = time.monotonic()
         for _ in range(20):
             driver.check()
         other.open()
+        before_s = time.monotonic()
         other.write(command)
         other.query("*OPC?")
-        with pytest.raises(InstrumentRefused, match="which it was not told"):  # noqa: PT012
+        with pytest.raises(InstrumentRefused, match="which it was not told") as told:  # noqa: PT012
             for _ in range(5):
                 driver.check()
+        assert told.value.right_s is not None
+        assert started_s < told.value.right_s < before_s  # what came after may not be as it was told
         driver.off()
     finally:
         other.close()

@@ -10,7 +10,7 @@ import pytest
 
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import RecorderFailed
+from daq.errors import InstrumentRefused, RecorderFailed
 from daq.log.records import Event
 from daq.time_base.run_clock import RunClock
 from rig.files.bench import embedded_bench
@@ -68,6 +68,19 @@ def test_a_stop_before_its_time_is_told_to_whoever_follows_and_to_the_log(tmp_pa
     assert heard == ["stopping"]
     assert kept.codes() == ["drive.stopping"]
     assert generator.told[-1] == ("off",)
+
+
+def test_what_was_seen_to_be_wrong_may_have_been_so_since_it_was_seen_to_be_right(tmp_path: Path) -> None:
+    kept = Kept()
+    with recorded(tmp_path, RecordingGenerator(), kept) as rig:
+        error = InstrumentRefused("generator", "here", "OUTP is 0, which it was not told")
+        error.right_s = rig.clock.monotonic_s() - 0.4
+        try:
+            raise error
+        except InstrumentRefused:
+            rig.off()
+        (stopping,) = kept.events
+        assert rig.clock.unix_ns() - stopping.time_ns == pytest.approx(0.4e9, abs=0.1e9)
 
 
 def test_a_log_that_takes_nothing_more_keeps_no_drive_on(tmp_path: Path) -> None:

@@ -50,13 +50,19 @@ def test_noise_and_bounces_are_no_drive() -> None:
     assert shown(9.0, noise=6.0)[1] == []
 
 
-@pytest.mark.parametrize(("amplitude", "told"), [(1.1, False), (1.7, False), (2.25, True), (11.0, True)])
-def test_a_soft_start_goes_on_up_to_half_as_much_again_as_ordered(amplitude: float, told: bool) -> None:
-    assert bool(shown(amplitude)[0].above(1.125)) == told
+@pytest.mark.parametrize(
+    ("amplitude", "told"),
+    [(0.0, True), (0.2, True), (0.6, False), (1.1, False), (1.7, False), (2.25, True), (11.0, True)],
+)
+def test_a_soft_start_goes_on_from_a_third_of_what_is_ordered_up_to_half_as_much_again(
+    amplitude: float, told: bool
+) -> None:
+    assert bool(shown(amplitude, noise=0.02)[0].unlike(1.125)) == told
 
 
-def test_hardly_any_force_is_no_danger_however_much_more_than_ordered() -> None:
-    assert shown(0.1)[0].above(0.01) == ""
+def test_hardly_any_force_is_no_danger_however_much_more_or_less_than_ordered() -> None:
+    assert shown(0.1)[0].unlike(0.01) == ""
+    assert shown(0.0)[0].unlike(0.3) == ""
 
 
 def test_a_sensor_that_shows_no_number_does_not_hide_what_comes_after_it() -> None:
@@ -101,6 +107,6 @@ def test_a_gauge_is_held_to_what_it_shows_of_what_the_bench_allows(
 )
 def test_a_gauge_is_held_to_what_it_shows_of_the_order(amplitude: float, told: str) -> None:
     """An amplifier that gives twice as much stays below the order itself."""
-    beyond = gauged(amplitude, 0.2)[0].above(1.125)
+    beyond = gauged(amplitude, 0.2)[0].unlike(1.125)
     assert told in beyond
     assert bool(beyond) == bool(told)

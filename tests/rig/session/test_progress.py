@@ -100,6 +100,23 @@ def test_what_is_to_be_confirmed_does_not_outlast_a_signal(how: str, monkeypatch
         screen.confirm("Enter once nobody is in danger: ", lambda: how == "a signal")
 
 
+def test_what_was_typed_before_a_question_is_no_answer_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = pty.openpty()
+    with open(theirs, encoding="ascii") as stdin, open(ours, "wb", buffering=0) as typed:
+        monkeypatch.setattr("sys.stdin", stdin)
+        typed.write(b"\n\n")
+        looks: list[None] = []
+
+        def answer() -> bool:
+            looks.append(None)
+            if len(looks) == 2:
+                typed.write(b"\n")
+            return False
+
+        Screen(Console(file=StringIO())).confirm("Enter once nobody is in danger: ", answer)
+    assert len(looks) == 2
+
+
 def test_a_count_is_told_by_quarters_and_seconds_are_not() -> None:
     quarters = [f"simulating {share} %" for share in (25, 50, 75)]
     assert said(3000, "rigs", 7) == ["simulating (3000 rigs) ...", *quarters]
