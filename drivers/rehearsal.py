@@ -47,9 +47,7 @@ _LOST = "exit 1 within a second, the instrument named; drive off; what it owed i
 _WATCHDOG_STOPS = "exit 1; THE MOTOR MAY STILL TURN: its watchdog stops it"
 _COUNTED = "the run goes on; what is missing is in /gap with its cause, and counted in `encoder.frames`"
 _TRIED = "the run goes on; tried again and never believed"
-_MARKED = (
-    "the channel's flag and an event `sensor...`; the run goes on (`drive.force` blind for 0.2 s: exit 3)"
-)
+_MARKED = "the channel's flag and an event `sensor...`; the run goes on (drive.force blind for 0.2 s: exit 3)"
 _REFUSED = "refused before anything moves"
 _DRIVE_STOPS = "exit 1; the motor is brought to rest, the word says why"
 _SOME = {"share": 0.01}  # of the answers: seldom enough that a run lives, often enough to show

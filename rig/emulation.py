@@ -114,11 +114,11 @@ def card(bench: Bench, rig: EmulatedRig, seed: int, heard: Heard) -> EmulatedIns
     from drivers.ni_daq.emulator.process import start_daq_card
 
     wiring = replace(wiring_of(bench), faults=bench.emulation.rehearsed("daq_card"), seed=seed)
-    names = ["", *(channel.name for channel in bench.daq_card.channels)]
+    names = [channel.name for channel in bench.daq_card.channels]
     if strange := [
-        Problem(each.name, each.channel, f"one of{' '.join(names)}")
+        Problem(each.name, each.channel, f"one of {', '.join(names)}, or how it ends")
         for each in wiring.faults
-        if each.channel not in names
+        if not any(name.endswith(each.channel) for name in names)
     ]:
         raise ConfigurationError("faults to rehearse", strange)
     return start_daq_card(rig.plant, wiring, heard.outputs, heard.initial, deadline_s=_COMPILED_S)

@@ -50,8 +50,10 @@ def readable(path: Path) -> Iterator[None]:
         raise LogError(str(error) if named else f"{path}: {error}") from error
     except FileNotFoundError as error:
         raise LogError(f"{path}: {error.strerror}") from error
-    except (*_OWN_ERRORS, *_FOREIGN_ERRORS) as error:
-        if isinstance(error, RattleError):
+    except Exception as error:
+        # nptdms raises at times what has no class of its own
+        known = isinstance(error, (*_OWN_ERRORS, *_FOREIGN_ERRORS)) or type(error) is Exception
+        if isinstance(error, RattleError) or not known:
             raise
         reason = " ".join(str(error).split())[:200]
         kind = "" if isinstance(error, pa.ArrowException) else f"{type(error).__name__}: "

@@ -10,14 +10,16 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, BinaryIO, get_args
 
 import numpy as np
 from nptdms import ChannelObject, RootObject, TdmsFile, TdmsWriter
 from nptdms.log import log_manager
+from nptdms.reader import TdmsReader
 from nptdms.timestamp import TdmsTimestamp
 from numpy.typing import NDArray
 
+from daq.allowance import Allowance
 from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
@@ -96,7 +98,10 @@ def read(path: Path, scratch: Scratch) -> Contents:
     """Read the channels of a TDMS file; raises LogError."""
     with readable(path):
         # opened here: the package leaves a file that it cannot read open
-        tdms = TdmsFile.open(scratch.hold(path.open("rb")), raw_timestamps=True)
+        file = scratch.hold(path.open("rb"))
+        _Metered(file, Allowance(path, file.fileno())).read_metadata()
+        file.seek(0)
+        tdms = TdmsFile.open(file, raw_timestamps=True)
         if tdms.file_status.incomplete_final_segment:
             raise LogError("its last segment is cut short")
         if not tdms.groups() and not tdms.properties:
@@ -115,6 +120,18 @@ def read(path: Path, scratch: Scratch) -> Contents:
             return contents
         impacts = impacts_of({channel.name: channel[:] for channel in groups[TABLE].channels()})
         return replace(contents, rest=replace(contents.rest, impacts=impacts))
+
+
+class _Metered(TdmsReader):  # type: ignore[misc]
+    """Pays for the objects of every segment, each of which has those of the one before it anew."""
+
+    def __init__(self, file: BinaryIO, allowance: Allowance) -> None:
+        super().__init__(file)
+        self._allowance = allowance
+
+    def _update_object_metadata(self, segment: Any) -> None:
+        self._allowance.spend(records=len(segment.ordered_objects))
+        super()._update_object_metadata(segment)
 
 
 @dataclass(frozen=True, slots=True)

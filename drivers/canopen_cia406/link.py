@@ -186,7 +186,8 @@ class CanLink:
                 else:
                     self._listener.frame(message, now_s)
         except Exception as error:  # top of a thread: whatever it was, no frame will come
-            self._listener.lost(f"receiving failed ({error})", error)
+            said = str(error).partition("  Traceback")[0].splitlines() or [type(error).__name__]
+            self._listener.lost(f"receiving failed ({said[0]})", error)  # python-can adds where it came from
 
     @contextmanager
     def _translated(self, doing: str) -> Iterator[None]:

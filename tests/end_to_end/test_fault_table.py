@@ -24,8 +24,8 @@ SHAFT = {"daq_card.rolls_over", "daq_card.marks_missing"}
 """Of the card, but of what only a crank has on it."""
 COMES_S = {"daq_card": 3.0, "signal_generator": 2.0, "disk": 0.0}
 """After the first use of an instrument, within the record of a beam."""
-ON_A_CRANK_S = 4.5
-"""Up to speed, and trimmed or nearly."""
+ON_A_CRANK_S, ON_A_SUPPLY_S = 4.5, 13.0
+"""Up to speed, and trimmed: what is turned on a supply before that is set anew by the next trim."""
 
 
 def played(fault: Rehearsed, folder: Path) -> tuple[Path, Path]:
@@ -33,7 +33,8 @@ def played(fault: Rehearsed, folder: Path) -> tuple[Path, Path]:
     crank = fault.table not in COMES_S or fault.name in SHAFT
     text = fault.name
     if not FAULTS[fault.name].at_start:
-        text += f"@{ON_A_CRANK_S if crank else COMES_S[fault.table]:g}"
+        on_a_crank_s = ON_A_SUPPLY_S if fault.table == "dc_supply" else ON_A_CRANK_S
+        text += f"@{on_a_crank_s if crank else COMES_S[fault.table]:g}"
     if "channel" in fault.known and not crank:
         text += ":channel=yoke.force"  # with a supply of its own, and nothing is driven by it
     tables = [fault.table] if fault.table in ("dc_supply", "encoder") else []

@@ -86,9 +86,26 @@ def varint(number: int, length: int = 0) -> bytes:
     return bytes([number & 127 | 128]) + varint(number >> 7, length - 1)
 
 
+def tdms_of_empty_segments(path: Path) -> None:
+    """After a segment of many objects, others that add none: each has all of them."""
+    count = 2000
+    names = (f"/'g'/'{number}'".encode() for number in range(count))
+    objects = b"".join(
+        struct.pack("<I", len(name)) + name + struct.pack("<II", 0xFFFFFFFF, 0) for name in names
+    )
+    metadata, new_list = 1 << 1, 1 << 2
+
+    def segment(mask: int, content: bytes) -> bytes:
+        return struct.pack("<4sIIQQ", b"TDSm", mask, 4713, len(content), len(content)) + content
+
+    first = segment(metadata | new_list, struct.pack("<I", count) + objects)
+    path.write_bytes(first + segment(metadata, struct.pack("<I", 0)) * 2000)
+
+
 @pytest.mark.parametrize(
     ("suffix", "write"),
     [
+        ("tdms", tdms_of_empty_segments),
         ("npz", npz_of_zeros),
         ("mat", mat_of_zeros),
         ("mat", mat_of_a_struct),
