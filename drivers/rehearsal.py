@@ -111,7 +111,10 @@ FAULTS: Final[Mapping[str, Fault]] = {
         "F24", "a sample of `channel` in each block is no number", _MARKED, {**_ONE_INPUT, "for": 0.1}
     ),
     "daq_card.clips": Fault("F25", "`channel` is clipped `for` s", _MARKED, {**_ONE_INPUT, "for": 0.5}),
-    "daq_card.stuck": Fault("F25", "`channel` gives one value `for` s", _MARKED, {**_ONE_INPUT, "for": 2.0}),
+    "daq_card.stuck": Fault(
+        "F25", "`channel` gives one value `for` s", "an event `sensor.stuck`; the run goes on",
+        {**_ONE_INPUT, "for": 2.0},
+    ),
     "daq_card.open": Fault("F25", "the cable of `channel` is loose", _MARKED, _ONE_INPUT, at_start=True),
     "daq_card.short": Fault("F25", "the cable of `channel` is shorted", _MARKED, _ONE_INPUT, at_start=True),
     "daq_card.rolls_over": Fault(
@@ -121,6 +124,26 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "daq_card.marks_missing": Fault(
         "F27", "a `share` of the marks of `channel` is not there", "told of at the end, speed goes on",
         {"channel": ".marker", "share": 0.1},
+    ),
+    "daq_card.marks_doubled": Fault(
+        "F27", "a glitch follows a `share` of the marks of `channel`", "told of at the end, speed goes on",
+        {"channel": ".marker", "share": 0.1},
+    ),
+    "daq_card.marks_late": Fault(
+        "F27", "marks of `channel` come up to `by` s late, by lot", "the speed scatters; the run goes on",
+        {"channel": ".marker", "by": 5e-4},
+    ),
+    "daq_card.clock_off": Fault(
+        "F23", "its clock is off by `ppm`", "`/clock` shows it", {"ppm": 100.0}, at_start=True
+    ),
+    "daq_card.chatters": Fault(
+        "F35", "`channel` goes up by `height` of its unit for 0.02 s every 0.1 s, `for` s",
+        "no limit on it: nothing; a warning: told once; an abort level: exit 3, at once or once held",
+        {**_ONE_INPUT, "height": 1.0, "for": 1.0},
+    ),
+    "daq_card.stop_pressed": Fault(
+        "E", "the emergency stop on its [emergency_stop] line is pressed",
+        "exit 3, `emergency_stop...`; the next run asks a person",
     ),
     "encoder.unplugged": Fault("F1", "its process is gone", _LOST),
     "encoder.hang_up": Fault("F2", "its CAN server closes the connection and takes a new one", _LOST),
@@ -161,6 +184,8 @@ FAULTS: Final[Mapping[str, Fault]] = {
     ),
     "disk.full": Fault("F16", "takes `bytes` more", "exit 1; the log is readable", {"bytes": 1e6}),
     "disk.fails": Fault("F17", "every write fails", "exit 1; the log is readable"),
+    "disk.sync_fails": Fault("F17", "every sync fails", "exit 1; the log is readable"),
+    "disk.close_fails": Fault("F17", "the file cannot be closed", "exit 1; the log is readable"),
 }  # fmt: skip
 
 

@@ -76,6 +76,8 @@ def nowhere(bench: Bench) -> Iterator[Problem]:
         if "channel" in fault.known and not any(name.endswith(fault.channel) for name in names):
             allowed = f"a channel of the card ({', '.join(names)})"
             yield Problem("emulation.faults", text, allowed)
+        if fault.kind == "stop_pressed" and bench.daq_card.stop_line is None:
+            yield Problem("emulation.faults", text, "a bench with [emergency_stop] on a line of the card")
 
 
 def too_late(scenario: Scenario, bench: Bench) -> Iterator[str]:

@@ -419,9 +419,17 @@ class DrivenRig:
 
     def _stopping_ns(self, cause: BaseException | None = None) -> int:
         """When the emergency stop was seen; else until when what stops it was seen to be right, or now."""
-        seen = self.emergency_stop
-        at_s = seen.at_s if seen else cause.right_s if isinstance(cause, InstrumentError) else None
+        at_s: float | None = self._guarded_s if self._unguarded else None
+        if (seen := self.emergency_stop) is not None:
+            at_s = seen.at_s
+        elif isinstance(cause, InstrumentError) and cause.right_s is not None:
+            at_s = cause.right_s
         return self.clock.unix_ns() if at_s is None else self.clock.at_ns(at_s)
+
+    @property
+    def _unguarded(self) -> bool:
+        """Whether the guard, and with it maybe all of this process, has slept."""
+        return self.clock.monotonic_s() - self._guarded_s > HUNG_S
 
     def _account(self, asked_s: float) -> None:
         """What was due of the record by then, in s since the card's sample 0, and does not come is a gap."""
@@ -471,10 +479,9 @@ class DrivenRig:
         while not ended.is_set():
             self.acquisition.alarm.wait(LOOK_S)
             self.acquisition.alarm.clear()
-            now_s = self.clock.monotonic_s()
-            if self._moves and now_s - self._guarded_s > HUNG_S:  # it all slept, and was switched off
-                self._stopped_ns = self._stopped_ns or self.clock.at_ns(self._guarded_s)
-            self._guarded_s = now_s
+            if self._moves and self._unguarded:  # it all slept, and was switched off
+                self._stopped_ns = self._stopped_ns or self._stopping_ns()
+            self._guarded_s = self.clock.monotonic_s()
             self._latching.give(self.emergency_stop)
             stop = None
             with self._deciding:
@@ -528,7 +535,7 @@ class DrivenRig:
 
     def _look(self, reading: CardReading) -> None:
         """In the acquisition thread, which watches the guard as the guard does it."""
-        if self._moves and self.clock.monotonic_s() - self._guarded_s > HUNG_S:
+        if self._moves and self._unguarded:
             self.acquisition.trip("nobody guards the run")
         beyond = ""
         if self._force is not None:

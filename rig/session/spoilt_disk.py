@@ -18,12 +18,35 @@ class SpoiltFile(io.FileIO):
     """A new file on a disk to which `faults` come, by time since it was opened."""
 
     def __init__(self, path: Path, faults: Iterable[Rehearsed]) -> None:
-        super().__init__(path, "xb")
         self._rehearsal, self._opened_s = Rehearsal(faults), time.monotonic()
         self._room, self._rate = math.inf, math.inf
+        self._fails = set[str]()  # kinds of calls
+        super().__init__(path, "xb")
 
     def write(self, data: Any, /) -> int:
         """As a file; OSError where the disk takes no more."""
+        self._meet("write")
+        size = memoryview(data).nbytes
+        self._room -= size
+        if self._room < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        time.sleep(size / self._rate)
+        return super().write(data)
+
+    def fileno(self) -> int:
+        """As a file; OSError where its syncs, which ask for it, fail."""
+        self._meet("sync")
+        return super().fileno()
+
+    def close(self) -> None:
+        """As a file, and it is closed even so."""
+        was_open = not self.closed
+        super().close()
+        if was_open:
+            self._meet("close")
+
+    def _meet(self, call: str) -> None:
+        """What has come to the disk by now; raises OSError where this call fails by it."""
         for fault in self._rehearsal.due(time.monotonic() - self._opened_s):
             match fault.kind:
                 case "stalls":
@@ -32,14 +55,12 @@ class SpoiltFile(io.FileIO):
                     self._rate = fault.number("rate")
                 case "full":
                     self._room = fault.number("bytes")
+                case "sync_fails" | "close_fails":
+                    self._fails.add(fault.kind.removesuffix("_fails"))
                 case _:
-                    raise OSError(errno.EIO, os.strerror(errno.EIO))
-        size = memoryview(data).nbytes
-        self._room -= size
-        if self._room < 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        time.sleep(size / self._rate)
-        return super().write(data)
+                    self._fails.add("write")
+        if call in self._fails:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 
 def disk_of(faults: tuple[Rehearsed, ...]) -> Callable[[Path], IO[bytes]]:

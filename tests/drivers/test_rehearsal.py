@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from drivers.canopen_cia406.emulator import encoder
 from drivers.canopen_cia406.emulator import process as encoder_process
 from drivers.mitsubishi_fr.emulator import server
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS
-from drivers.ni_daq.emulator import wiring
+from drivers.ni_daq.emulator import spoilt, wiring
 from drivers.ni_daq.emulator.spoilt import SpoiltPlant
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
 from drivers.rehearsal import FAULTS, Fault, Rehearsal, rehearsed
@@ -29,12 +30,11 @@ SOURCES = {
     "dc_supply": (generator_process,),
     "inverter": (server,),
     "encoder": (encoder, encoder_process),
-    "daq_card": (wiring,),
+    "daq_card": (wiring, spoilt),
     "disk": (spoilt_disk,),
 }
-"""Where each is told apart by its name; the card's others are tried below."""
-CARD = {"overruns", "not_finite", "clips", "stuck", "marks_missing"}
-LAST_OF_ALL = {"disk.fails"}
+"""Where each is told apart by its name."""
+LAST_OF_ALL = {"disk.fails", "daq_card.stuck"}
 RATE = 1000.0
 
 
@@ -42,9 +42,9 @@ def test_every_fault_of_the_table_is_somebodys() -> None:
     for name in FAULTS:
         table, _, kind = name.partition(".")
         text = "".join(inspect.getsource(module) for module in SOURCES[table])
-        known = EVERYWHERE | CARD | {each.replace(" ", "_") for each in KINDS}
+        known = EVERYWHERE | {each.replace(" ", "_") for each in KINDS}
         assert kind in known or f'"{kind}"' in text or name in LAST_OF_ALL, name
-        assert re.fullmatch(r"F([1-9]|[12][0-9]|3[0-5])", FAULTS[name].number)
+        assert re.fullmatch(r"E|F([1-9]|[12][0-9]|3[0-5])", FAULTS[name].number)
 
 
 def test_the_page_of_drills_has_the_table() -> None:
@@ -107,26 +107,26 @@ def test_what_is_there_from_the_start_does_not_come_again() -> None:
 
 
 class Steps:
-    """A force that counts its samples, and a marker of 5 V for two samples in ten."""
+    """A force that counts its samples, and a marker of 5 V for two samples in `turn`."""
 
     channels = ("contact.force", "crank.marker")
 
-    def __init__(self) -> None:
-        self._made = 0
+    def __init__(self, turn: int = 10) -> None:
+        self._turn, self.made = turn, 0
 
     def start(self, sample_rate: float) -> None:
-        self._made = 0
+        self.made = 0
 
     def drive(self, output: object, at_sample: float) -> None: ...
 
     def advance(self, count: int) -> NDArray[np.float64]:
-        samples = np.arange(self._made, self._made + count)
-        self._made += count
-        return np.stack([samples.astype(float), 5.0 * (samples % 10 < 2)])
+        samples = np.arange(self.made, self.made + count)
+        self.made += count
+        return np.stack([samples.astype(float), 5.0 * (samples % self._turn < 2)])
 
 
-def shown(text: str, blocks: int = 40) -> NDArray[np.float64]:
-    plant = SpoiltPlant(Steps(), [rehearsed(text)], seed=1)
+def shown(text: str, blocks: int = 40, turn: int = 10) -> NDArray[np.float64]:
+    plant = SpoiltPlant(Steps(turn), [rehearsed(text)], seed=1)
     plant.start(RATE)
     return np.concatenate([plant.advance(25) for _ in range(blocks)], axis=1)
 
@@ -141,9 +141,9 @@ def test_a_sensor_sticks_and_clips_for_as_long_as_it_was_told_to() -> None:
     assert (clipped[0, 100:300] > 1e9).all()
     broken = shown("daq_card.not_finite@0.1:for=0.2")
     assert np.flatnonzero(np.isnan(broken[0])).tolist() == list(range(100, 300, 25))
-    for spoilt in (stuck, clipped, broken):
+    for each in (stuck, clipped, broken):
         assert np.array_equal(
-            np.delete(spoilt, range(100, 300), axis=1), np.delete(WHOLE, range(100, 300), axis=1)
+            np.delete(each, range(100, 300), axis=1), np.delete(WHOLE, range(100, 300), axis=1)
         )
 
 
@@ -159,6 +159,56 @@ def test_marks_are_left_out_whole_and_as_many_as_were_asked_for() -> None:
     assert {tuple(each) for each in marker[:, :2].tolist()} == {(5.0, 5.0), (0.0, 0.0)}
     assert 0.15 < (marker[:, 0] == 0.0).mean() < 0.45
     assert np.array_equal(shown("daq_card.marks_missing:share=0")[1], WHOLE[1])
+
+
+def test_marks_come_late_each_by_its_lot() -> None:
+    marker = shown("daq_card.marks_late:by=0.002")[1].reshape(-1, 10)
+    assert {tuple(each) for each in marker[:, :2].tolist()} == {(0.0, 5.0), (0.0, 0.0)}
+    assert not marker[:, 2:].any()
+
+
+def test_a_glitch_follows_as_many_marks_as_were_asked_for() -> None:
+    marker = shown("daq_card.marks_doubled:share=0.3", turn=50)[1].reshape(-1, 50)
+    assert (marker[:, :2] == 5.0).all()
+    glitches = (marker[:, 2:] == 5.0).sum(axis=1)
+    assert set(glitches.tolist()) == {0, 1}
+    assert 0.1 < glitches.mean() < 0.6
+
+
+def test_a_channel_chatters_for_as_long_as_it_was_told_to() -> None:
+    raised = shown("daq_card.chatters@0.1:height=3:for=0.5")[0] - WHOLE[0]
+    assert set(raised.tolist()) == {0.0, 3.0}
+    assert np.flatnonzero(raised)[[0, -1]].tolist() == [100, 519]
+    assert (raised > 0).sum() == 5 * 20
+
+
+def test_an_emergency_stop_is_pressed_at_its_time() -> None:
+    pressed: list[int] = []
+    steps = Steps()
+    plant = SpoiltPlant(
+        steps, [rehearsed("daq_card.stop_pressed@0.5")], seed=1, press=lambda: pressed.append(steps.made)
+    )
+    plant.start(RATE)
+    for _ in range(40):
+        plant.advance(25)
+    assert pressed == [525]  # as the block is made that begins at its time
+
+
+@pytest.mark.parametrize("kind", ["fails", "sync_fails", "close_fails"])
+def test_a_call_to_the_disk_fails(kind: str, tmp_path: Path) -> None:
+    file = spoilt_disk.disk_of((rehearsed(f"disk.{kind}"),))(tmp_path / "log")
+    failed = {"fails": "write", "sync_fails": "sync", "close_fails": "close"}[kind]
+    calls = {
+        "write": lambda: (file.write(b"x"), file.flush()),
+        "sync": lambda: os.fsync(file.fileno()),
+        "close": file.close,
+    }
+    for name, call in calls.items():
+        if name == failed or (name, failed) == ("close", "write"):  # which flushes what could not be written
+            with pytest.raises(OSError, match="Input/output error"):
+                call()
+        else:
+            call()
 
 
 def test_a_card_that_overruns_says_so() -> None:

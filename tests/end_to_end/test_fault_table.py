@@ -20,7 +20,7 @@ from tests.end_to_end.files import write_crank, write_scenario
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(400)]
 DEADLINE_S = 300.0
-SHAFT = {"daq_card.rolls_over", "daq_card.marks_missing"}
+SHAFT = {f"daq_card.{kind}" for kind in ("rolls_over", "marks_missing", "marks_doubled", "marks_late")}
 """Of the card, but of what only a crank has on it."""
 COMES_S = {"daq_card": 3.0, "signal_generator": 2.0, "disk": 0.0}
 """After the first use of an instrument, within the record of a beam."""
@@ -39,6 +39,8 @@ def played(fault: Rehearsed, folder: Path) -> tuple[Path, Path]:
         text += ":channel=yoke.force"  # with a supply of its own, and nothing is driven by it
     tables = [fault.table] if fault.table in ("dc_supply", "encoder") else []
     bench = "".join(f"[{table}]\nemulated = true\n" for table in tables)
+    if fault.kind == "stop_pressed":
+        bench += '[emergency_stop]\nline = "cDAQ1Mod4/port0/line0"\n'
     (folder / "bench.toml").write_text(f'{bench}[emulation]\nseed = 7\nfaults = ["{text}"]\n')
     file = folder / "scenario.toml"
     scenario = write_crank(file, "planar_slider_crank", 4.0) if crank else write_scenario(file, 1.0, 3.0)

@@ -147,7 +147,7 @@ class Acquisition:
         plant.start(sample_rate)
         self._converter = Converter(wiring, plant.channels, inputs, sample_rate)
         self._names = tuple(item.physical for item in inputs)
-        self._rate = sample_rate
+        self._rate = sample_rate * (1.0 + 1e-6 * wiring.clock_ppm)  # by the machine's clock
         self._block = max(round(BLOCK_S * sample_rate), 1)
         # a client may ask for less than is made at once
         self.buffer = SampleBuffer(len(inputs), max(buffer_size, 2 * self._block))

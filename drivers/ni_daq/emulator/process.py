@@ -55,7 +55,12 @@ class _Card:
         from drivers.ni_daq.emulator.spoilt import SpoiltPlant
 
         self._inbox: DriveInbox[Any] = DriveInbox(initial)
-        shown: Plant[Any] = SpoiltPlant(plant(), wiring.faults, wiring.seed) if wiring.faults else plant()
+
+        def press() -> None:
+            servicer.put_lines({line: not healthy for line, healthy in wiring.lines.items()})
+
+        faults = wiring.faults
+        shown: Plant[Any] = SpoiltPlant(plant(), faults, wiring.seed, press) if faults else plant()
         servicer = CardServicer(shown, spoilt(wiring), self._inbox, SystemClock())
         self._server = CardServer(servicer)
         self._heard = ((drive, self._inbox.put), (rehearsal, servicer.put_lines))

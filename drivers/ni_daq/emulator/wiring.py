@@ -116,7 +116,7 @@ class CardWiring:
     `idle_noise_v` rms (V) made from `seed`. `counters` are wired by name as well (`cDAQ1Mod3/ctr0`).
     `stamps_start`: the chassis is network-synchronized, as a cDAQ-9189 is, and knows when a task began.
     `lines` are digital inputs (`cDAQ1Mod4/port0/line0`) that are on (true) or off, to begin with.
-    `faults` come to it by `seed`.
+    `faults` come to it by `seed`. Its clock is off by `clock_ppm`.
     """
 
     wires: Mapping[str, Wire]
@@ -131,6 +131,7 @@ class CardWiring:
     stamps_start: bool = True
     lines: Mapping[str, bool] = field(default_factory=dict)
     faults: tuple[Rehearsed, ...] = ()
+    clock_ppm: float = 0.0
 
     def devices(self) -> dict[str, list[str]]:
         """Return the analog inputs of each device, none for one that counts.
@@ -158,7 +159,7 @@ class CardWiring:
 
 def spoilt(wiring: CardWiring) -> CardWiring:
     """The wiring with what its faults do to it from the start."""
-    wires, counters = dict(wiring.wires), dict(wiring.counters)
+    wires, counters, clock_ppm = dict(wiring.wires), dict(wiring.counters), wiring.clock_ppm
     for fault in wiring.faults:
         if fault.kind in ("open", "short"):
             physical = next(
@@ -166,10 +167,12 @@ def spoilt(wiring: CardWiring) -> CardWiring:
             )
             shorted = fault.kind == "short"
             wires[physical] = replace(wires[physical], connected=shorted, shorted=shorted)
+        elif fault.kind == "clock_off":
+            clock_ppm = fault.number("ppm")
         elif fault.kind == "rolls_over":
             preset = 2**32 - int(fault.number("before"))  # that many counts before the register starts again
             counters = {name: replace(each, preset=preset) for name, each in counters.items()}
-    return replace(wiring, wires=wires, counters=counters)
+    return replace(wiring, wires=wires, counters=counters, clock_ppm=clock_ppm)
 
 
 def chassis_of(device: str) -> str | None:

@@ -199,6 +199,24 @@ def test_a_sequence_that_hangs_is_switched_off_and_gives_no_sign_of_life(
     ended(bench, Hung, r"looked at nothing for 0.6 s, and the drive was switched off", during)
 
 
+def test_a_run_that_slept_was_steady_until_it_fell_asleep(tmp_path: Path) -> None:
+    """What is recorded after that was not driven any more: the supervisor has switched it off meanwhile."""
+    bench = Bench(tmp_path, None)
+    asleep_ns: list[int] = []
+
+    def during(rig: DrivenRig) -> None:
+        rig.watch.wait(0.2)
+        with rig._deciding:  # as a guard sleeps
+            asleep_ns.append(rig.clock.unix_ns())
+            await_true("off", lambda: rig.acquisition.trips, 2.0)
+        rig.watch.wait(0.5)
+
+    ended(bench, InterlockTripped, "nobody guards the run", during)
+    (kept,) = (each for each in bench.rig.stream if isinstance(each, Kept))
+    (stopping,) = (each for each in kept.events if each.code == STOPPING)
+    assert abs(stopping.time_ns - asleep_ns[0]) < 0.1e9
+
+
 def await_off_in_a_second(bench: Bench, rig: DrivenRig, goes_on: threading.Event) -> None:
     """Go through the run while something hangs, which goes on once this one ends."""
     since_s = time.monotonic()
