@@ -131,7 +131,14 @@ def lock(instrument: str, address: str) -> InstrumentLock:
 
 def _path(name: str, kind: str) -> str:
     file = f"rattle-{hashlib.sha256(name.encode()).hexdigest()[:16]}.{kind}"
-    return os.path.join(next((each for each in FOLDERS if os.access(each, os.W_OK)), FOLDERS[-1]), file)
+    return os.path.join(next(filter(_is_everybodys, FOLDERS), FOLDERS[-1]), file)
+
+
+def _is_everybodys(folder: str) -> bool:
+    """Whether every user may write there, not just this one: root and a user have to find the same lock."""
+    with suppress(OSError):
+        return bool(os.stat(folder).st_mode & stat.S_IWOTH)
+    return False
 
 
 def _names(address: str) -> list[str]:

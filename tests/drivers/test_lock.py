@@ -62,6 +62,18 @@ def test_an_instrument_of_two_names_is_one(one: str, other: str) -> None:
         lock("generator", other)
 
 
+def test_the_lock_is_where_every_user_of_the_machine_finds_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine, everybodys = folder / "mine", folder / "everybody's"
+    for each, mode in ((mine, 0o700), (everybodys, 0o1777)):
+        each.mkdir()
+        each.chmod(mode)
+    monkeypatch.setattr(locks, "FOLDERS", (str(folder / "missing"), str(mine), str(everybodys), str(folder)))
+    with lock("inverter", PORT):
+        assert [path.parent for path in folder.glob("**/*.lock")] == [everybodys]
+
+
 def test_two_ports_of_a_serial_server_are_two_instruments() -> None:
     with lock("generator", "TCPIP::127.0.0.1::4001::SOCKET"):
         assert_free("TCPIP::127.0.0.1::4002::SOCKET")
