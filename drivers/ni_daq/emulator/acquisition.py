@@ -147,6 +147,7 @@ class Acquisition:
         plant.start(sample_rate)
         self._converter = Converter(wiring, plant.channels, inputs, sample_rate)
         self._names = tuple(item.physical for item in inputs)
+        self._nominal = sample_rate
         self._rate = sample_rate * (1.0 + 1e-6 * wiring.clock_ppm)  # by the machine's clock
         self._block = max(round(BLOCK_S * sample_rate), 1)
         # a client may ask for less than is made at once
@@ -187,7 +188,7 @@ class Acquisition:
     def start(self) -> None:
         """Start the sample clock; once."""
         self._start_s = self._clock.monotonic_s()
-        self._truth.tell(started_ns=self.started_ns, rate=self._rate, inputs=self._names)
+        self._truth.tell(started_ns=self.started_ns, rate=self._nominal, inputs=self._names)
         self._thread.start()
 
     def stop(self) -> None:
