@@ -210,7 +210,8 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
                     # of what is measured at once; a prediction comes later by as much as it likes
                     beside = (at for other, (at, _) in lasts.items() if other.startswith(f"/{whose}/"))
                     late_s = (max(*beside, log.last_ns(topic, log_ns), log_ns) - log_ns) / NS_PER_S
-                    behind = len(block) * math.floor(late_s * block.sample_rate / len(block) + _SOONER)
+                    size = max(len(block), 1)
+                    behind = size * math.floor(late_s * block.sample_rate / size + _SOONER)
                     if whose and behind > 0 and whose != "derived":  # which come when a cycle ends
                         writer.due(whose, name, block.end_sample + behind, log_ns, cause)
                         lost += behind if cause == LOST else 0
