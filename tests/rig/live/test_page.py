@@ -218,3 +218,26 @@ def test_before_the_run_it_says_armed_and_shows_levels(
         assert page.locator("#news").is_hidden()  # nothing has happened: no empty box
         assert "bar:" in page.locator("footer").inner_text()
         assert faults_of_texts(page, PLACES) == []
+
+
+def test_a_page_that_waits_is_answered_and_one_whose_run_or_server_is_gone_says_so(
+    server: PageServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.live.page_server._HELD_S", 0.05)
+    with browser_page() as page:
+        page.clock.install()
+        page.goto(server.url)
+
+        def lost_after(seconds: int) -> str:
+            """What the page says then, once the server has had its chance to answer."""
+            page.clock.fast_forward(1000 * seconds)
+            page.wait_for_timeout(300)
+            page.clock.run_for(200)
+            return page.locator("#lost").inner_text()
+
+        shown(page, server, lambda state: state.take(Progress("recording")))
+        assert lost_after(40).startswith("no word from the run for 4")
+        shown(page, server, lambda state: state.end())
+        assert lost_after(60) == ""
+        monkeypatch.setattr("rig.live.page_server._HELD_S", 600.0)
+        assert lost_after(60) == "the page's server does not answer: rattle live"
