@@ -187,7 +187,8 @@ def _next_experiment(
     effects = ((first.best,), (second.best,))
     columns, quiet = data.campaign.runs[0].columns, data.campaign.runs[0].quiet
     found: list[tuple[float, Option]] = []
-    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains):
+    recorded_s = len(data.sound[0]) / columns.rate
+    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains, recorded_s):
         campaign = option.campaign
         if known is not None:
             scenario = parse_scenario(option.scenario)

@@ -66,9 +66,13 @@ class Sequence:
     feed: TwinFeed
     hold: FrequencyHold | None = None
     path: tuple[Any, ...] = ()
+    open_ended: bool = False
 
-    def drive_and_record(self) -> None:
-        """Move and record, and bring the drive to rest; raises what ends it early, with the drive on."""
+    def drive_and_record(self) -> float:
+        """Move and record, and bring the drive to rest; returns how many s were recorded.
+
+        Raises what ends it early, with the drive on.
+        """
         rig, wanted = self.rig, self.wanted
         if wanted.settle > 0:
             work = Work(f"start and settle {rig.name}", wanted.settle)
@@ -86,15 +90,18 @@ class Sequence:
         count = pre_trigger + self._samples(wanted.duration)
         begin = rig.start_record(count)
         rig.logbook.tell("info", "record.start", "recording")
-        with rig.screen.bar("recording", wanted.duration, beside=rig.levels.worst) as bar:
+        lasts_s = 0.0 if self.open_ended else wanted.duration
+        with rig.screen.bar("recording", lasts_s, beside=rig.levels.worst) as bar:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
             rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar(self._since(begin)))
-        short = rig.acquisition.record_until != begin + count
+        end = rig.acquisition.record_until or begin + count
+        short = end != begin + count
         rig.logbook.tell("info", RECORD_END, f"{RECORDED} until it was enough" if short else RECORDED)
         rig.end_record()
         rig.ramp_down()
+        return (end - begin) / rig.sample_rate
 
     def _trim(self, since: int) -> bool:
         """Correct what the frequency is off by the measured drive; returns whether it was."""
@@ -152,10 +159,10 @@ class RunRequest:
 
     `model`: what calibration found of the rig; None where the twin is the scenario's. `consumers` get every
     record; `enough` is asked in the acquisition thread after each reading that was recorded, and must be
-    quick: once it returns True, the record ends with that reading. `view_stays` until a person closes it.
-    `path`: the sections [drive] that the drive comes through before it settles. `armed`: it waits for Enter,
-    with all connected and measuring, before anything moves. `standing` has the devices where they stay
-    connected for the next run. `swept` is shown beside it.
+    quick: once it returns True, the record ends with that reading. `open_ended`: nothing else is meant to end
+    it. `view_stays` until a person closes it. `path`: the sections [drive] that the drive comes through
+    before it settles. `armed`: it waits for Enter, with all connected and measuring, before anything moves.
+    `standing` has the devices where they stay connected for the next run. `swept` is shown beside it.
     """
 
     scenario: Scenario
@@ -166,6 +173,7 @@ class RunRequest:
     model: ModelFile | None = None
     consumers: tuple[Consumer, ...] = ()
     enough: Callable[[], bool] = lambda: False
+    open_ended: bool = False
     view_stays: bool = True
     path: tuple[Any, ...] = ()
     armed: bool = False
@@ -265,8 +273,7 @@ class _Run:
         for channel in predicted_channels(twin):
             if channel.name in (*rig.names, *beside):
                 rig.recorder.declare("predicted", channel)
-        self._move_and_record()
-        work = Work(f"finish {self._scenario.rig}", wanted.settle + wanted.duration)
+        work = Work(f"finish {self._scenario.rig}", wanted.settle + self._move_and_record())
         with rig.screen.busy("finishing the prediction", work):
             feed.finish(self._stop.check)
             derivation.finish(rig.logbook.note, self._stop.check)
@@ -326,20 +333,22 @@ class _Run:
         rig.screen.stage(text)
         rig.watch.until(rig.acquisition, rig.screen.enter_pressed())
 
-    def _move_and_record(self) -> None:
-        rig, path = self._rig, self._request.path
+    def _move_and_record(self) -> float:
+        """Returns how many s were recorded."""
+        rig, request = self._rig, self._request
         with rig.moving():
-            if self._request.armed:
+            if request.armed:
                 self._await_enter()
-            Sequence(self._scenario.acquisition, rig, self._feed, self._hold, path).drive_and_record()
+            wanted = self._scenario.acquisition
+            moves = Sequence(wanted, rig, self._feed, self._hold, request.path, request.open_ended)
+            recorded_s = moves.drive_and_record()
         rig.tell_of_marks()
         if rig.encoder is not None:
             for code, text in rig.shaft.encoder_at_mark(rig.encoder):
                 rig.logbook.tell("info", code, text)
-        if self._frequency is None:
-            return
-        found = self._frequency.result()
-        if found.code == HELD:
+        found = None if self._frequency is None else self._frequency.result()
+        if found is not None and found.code == HELD:
             rig.logbook.tell("info", found.code, str(found))
-        else:
+        elif found is not None:
             rig.warn(found.code, str(found))
+        return recorded_s

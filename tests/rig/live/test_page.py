@@ -235,7 +235,10 @@ def test_a_page_that_waits_is_answered_and_one_whose_run_or_server_is_gone_says_
             page.clock.run_for(200)
             return page.locator("#lost").inner_text()
 
-        shown(page, server, lambda state: state.take(Progress("recording")))
+        shown(page, server, lambda state: state.take(Progress("recording", 12.0)))
+        assert (
+            page.locator("#stage").inner_text() == "recording: 12 s"
+        )  # until Enter: nobody knows of how many
         assert lost_after(40).startswith("no word from the run for 4")
         shown(page, server, lambda state: state.end())
         assert lost_after(60) == ""

@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -34,6 +35,7 @@ from rig.session.signals import Stopped
 from rig.session.supervisor import SupervisorTripped
 from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.shafts import FakeDrive, SteppedClock
+from tests.rig.session.test_progress import Known
 
 LIMITED = "contact.force_upper", "crank_frame.acceleration_y"
 BEAM = """\
@@ -377,3 +379,19 @@ def test_a_drive_that_does_not_go_off_between_two_runs_ends_them(
         in_turn(20.0, 21.0)
     assert in_turn.armed_hz == [20.0]
     assert in_turn.rig.told()[-1] == "close"
+
+
+def test_a_record_that_ended_early_is_told_and_timed_by_what_was_recorded(in_turn: InTurn) -> None:
+    """Until Enter, say: nobody knows how long, and what the disk has room for says nothing."""
+    rig, stages = in_turn.rig, list[tuple[str, float, float]]()
+    screen, paces = silent_screen(), Known(None)
+    screen.paces = paces
+    screen.stages.append(lambda text, done, total, _: stages.append((text, done, total)))
+    long = {"acquisition.duration": "20 h", "acquisition.settle": "0 s"}
+    request = RunRequest(edited(rig.scenario, long, "long"), rig.bench, rig.connect, rig.folder)
+    run_scenario(replace(request, enough=lambda: len(stages) > 5, open_ended=True), screen, SystemClock())
+    told = [each for each in stages if each[0] == "recording"]
+    assert {total for _, _, total in told} == {0.0}
+    assert 0.0 < told[-1][1] < 30.0
+    (finish,) = (work for work, _ in paces.kept if work.kind.startswith("finish"))
+    assert 0.0 < finish.units < 30.0
