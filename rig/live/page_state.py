@@ -147,8 +147,9 @@ class PageState:
         """Note what a record says; cheap, whatever comes."""
         self._changed = True
         match frame:
-            case Layout():
-                self._layout = frame
+            case Layout():  # of the next run, maybe
+                self._layout, self._start_ns = frame, None
+                self._events.clear()
                 self._lay_out()
             case Progress():
                 if frame.text != self._progress.text:

@@ -185,7 +185,9 @@ def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
     """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
     scenario, bench, standing = request.scenario, request.bench, request.standing
     with ExitStack() as stack:
-        view = stack.enter_context(on_page(screen)) if request.live else None
+        view = None
+        if request.live:
+            view = stack.enter_context(on_page(screen)) if standing is None else standing.view(screen)
         stop = stack.enter_context(StopRequest())
         if standing is None:
             devices, notes = connected(stack, request.connect, scenario, bench, screen, stop)
@@ -209,6 +211,7 @@ class _Run:
     ) -> None:
         self._request, self._scenario = request, request.scenario
         self._rig, self._notes, self._stop, self._view = rig, notes, stop, view
+        self._dropped_before = 0 if view is None else view.dropped
         self._hold: FrequencyHold | None = None
         self._frequency: FrequencyCheck | None = None
         held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
@@ -278,7 +281,8 @@ class _Run:
             feed.finish(self._stop.check)
             derivation.finish(rig.logbook.note, self._stop.check)
         if view is not None:
-            rig.logbook.tell("info", "view.dropped", f"{view.dropped} blocks were not shown")
+            dropped = view.dropped - self._dropped_before
+            rig.logbook.tell("info", "view.dropped", f"{dropped} blocks were not shown")
         rig.recorder.close()
         rig.screen.stage(f"finished: {log}")
         if view is not None and self._request.view_stays:

@@ -6,7 +6,7 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +22,7 @@ from daq.log.reader import LogReader
 from rig.derived import derivation
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Scenario, edited, parse_scenario
+from rig.live.picture import Layout
 from rig.session import driven_rig, twin_feed
 from rig.session.centring import plan_of
 from rig.session.centring_run import find_centre
@@ -290,21 +291,26 @@ class InTurn:
     def __init__(self, rig: Rig) -> None:
         self.rig, self.opened = rig, 0
         self.before: dict[float, Callable[[], None]] = {}
+        self.live, self.said = False, ""
 
     def connect(self, *_: object) -> tuple[Devices, dict[str, str]]:
         self.opened += 1
         return self.rig.connect()
 
     def __call__(self, *hertz: float) -> None:
+        screen = silent_screen()
         with Standing(self.connect) as standing:
             for each in hertz:
                 self.before.get(each, lambda: None)()
                 short = {"acquisition.duration": "0.3 s", "acquisition.settle": "0 s"}
                 scenario = edited(self.rig.scenario, {"drive.frequency": f"{each} Hz", **short}, "in turn")
                 rig = self.rig
-                request = RunRequest(scenario, rig.bench, self.connect, rig.folder, standing=standing)
-                run_scenario(request, silent_screen(), SystemClock())
+                request = RunRequest(
+                    scenario, rig.bench, self.connect, rig.folder, self.live, standing=standing
+                )
+                run_scenario(request, screen, SystemClock())
                 assert self.rig.told()[-1] == "off"
+        self.said = screen.console.export_text()
 
     @property
     def armed_hz(self) -> list[object]:
@@ -395,3 +401,49 @@ def test_a_record_that_ended_early_is_told_and_timed_by_what_was_recorded(in_tur
     assert 0.0 < told[-1][1] < 30.0
     (finish,) = (work for work, _ in paces.kept if work.kind.startswith("finish"))
     assert 0.0 < finish.units < 30.0
+
+
+class FakeView:
+    """What would show runs; notes which layouts, and how often its addresses were asked for."""
+
+    def __init__(self) -> None:
+        self.url = self.page_url = ""
+        self.dropped, self.opened = 0, 0
+        self.shown: list[str] = []
+
+    def show(self, layout: Layout) -> None:
+        self.shown.append(layout.title)
+
+    def open(self) -> None:
+        self.opened += 1
+        self.url = "http://127.0.0.1:1/"
+
+    def offer(self, record: object) -> None:
+        self.dropped += 1
+
+
+def test_one_view_shows_all_runs_on_what_stands_and_outlasts_what_is_set_by_hand(
+    in_turn: InTurn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view, told = FakeView(), list[str]()
+
+    @contextmanager
+    def page(_: Screen) -> Iterator[FakeView]:
+        told.append("up")
+        yield view
+        told.append(f"down after {len(view.shown)}")
+
+    monkeypatch.setattr("rig.session.devices.on_page", page)
+    in_turn.live = True
+    in_turn(20.0, 21.0)
+    assert told == ["up", "down after 2"]
+    assert view.opened == in_turn.said.count("time line ") == 1
+    for log in in_turn.rig.folder.glob("*.mcap"):
+        with LogReader(log) as reader:
+            (dropped,) = (event.text for event in reader.events() if event.code == "view.dropped")
+            assert 0 < int(dropped.split()[0]) < view.dropped  # its own alone
+    standing = Standing(in_turn.connect)
+    with standing:
+        standing.view(silent_screen())
+        standing.close()
+        assert told[2:] == ["up"]
