@@ -6,7 +6,7 @@ import functools
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -123,10 +123,16 @@ class Trace:
     begins_s: float = 0.0
 
     def window(self, start_s: float, end_s: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Times in s since sample 0 and samples between two times, both of shape (m,)."""
-        first = max(round(start_s * self.sample_rate), 0)
-        values = self.values[first : max(round(end_s * self.sample_rate), first)]
-        return (first + np.arange(len(values))) / self.sample_rate, values
+        """Times in s since sample 0 of the card and samples between two times, both of shape (m,)."""
+        first, end = (round((at - self.begins_s) * self.sample_rate) for at in (start_s, end_s))
+        first = max(first, 0)
+        values = self.values[first : max(end, first)]
+        return self.begins_s + (first + np.arange(len(values))) / self.sample_rate, values
+
+    @property
+    def end_s(self) -> float:
+        """Since sample 0 of the card."""
+        return self.begins_s + len(self.values) / self.sample_rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +197,7 @@ class RunRecord:
     def written(self, origin: Origin, name: str) -> Trace:
         """A trace in `unit`."""
         trace, factor = self.traces[origin, name], as_written(self.channels[name].unit)[0]
-        return trace if factor == 1.0 else Trace(np.float32(factor) * trace.values, trace.sample_rate)
+        return trace if factor == 1.0 else replace(trace, values=np.float32(factor) * trace.values)
 
     @property
     def duration_s(self) -> float:
