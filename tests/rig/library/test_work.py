@@ -79,10 +79,18 @@ def test_what_is_wrong_is_told_as_the_command_does(
         rattle.diagnose([])
 
 
-def test_a_run_tries_its_folder_before_anything_is_read(tmp_path: Path) -> None:
+def test_where_it_goes_is_tried_before_anything_is_read(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("mine")
-    with pytest.raises(rattle.RattleError, match=r"runs is a file; name a folder"):
-        rattle.run("not read.toml", out=tmp_path / "runs" / "deeper")
+    for work, unread in ((rattle.run, "not read.toml"), (rattle.diagnose, "not read.mcap")):
+        with pytest.raises(rattle.RattleError, match=r"runs is a file; name a folder"):
+            work(unread, out=tmp_path / "runs" / "deeper")
+    for out, words in (
+        (tmp_path / "runs", "runs is there already; remove it or name another, nothing was predicted"),
+        (tmp_path / "no" / "twin.mcap", "no: no such folder; nothing was predicted"),
+        (Path("/proc/self/twin.mcap"), "cannot write to /proc/self"),
+    ):
+        with pytest.raises(rattle.RattleError, match=words):
+            rattle.predict("not read.toml", out=out)
 
 
 def test_who_is_called_back_holds_nothing_up_and_hears_all(recwarn: pytest.WarningsRecorder) -> None:
