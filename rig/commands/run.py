@@ -116,15 +116,28 @@ def live(
     ] = None,
     stop: Annotated[bool, typer.Option("--stop", help="End the one that is up.")] = False,
 ) -> None:
-    from rig.live.page_server import PORT, answering, page_port, page_url, serve_page, stop_page
+    from rig.live.page_server import (
+        PORT,
+        PORT_VARIABLE,
+        answering,
+        page_port,
+        page_url,
+        serve_page,
+        stop_page,
+    )
 
-    screen, at = Screen(Terminal()), port or page_port() or PORT
+    screen, of_runs = Screen(Terminal()), page_port()
+    at = port or of_runs or PORT
     if stop:
         screen.say(f"{page_url(at)} {'ended' if stop_page(at) else 'was not up'}")
-    elif answering(at) is not None:
-        screen.say(f"live view  {page_url(at)} is up; rattle live --stop ends it")
-    else:
-        screen.say(f"live view  {page_url(at)}; Ctrl-C ends it")
+        return
+    up, elsewhere = answering(at) is not None, port is not None and at != of_runs
+    which = f" --port {at}" if elsewhere else ""
+    how = f" is up; rattle live{which} --stop ends it" if up else "; Ctrl-C ends it"
+    screen.say(f"live view  {page_url(at)}{how}")
+    if elsewhere:
+        screen.say(f"runs       come here with {PORT_VARIABLE}={at} in their environment")
+    if not up:
         serve_page(at)
 
 
