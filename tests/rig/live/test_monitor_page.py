@@ -28,7 +28,7 @@ RUN = {
     "title": "a run",
     "stage": {"text": "connecting", "done": 0, "total": 0, "unit": "s"},
     "ended": False,
-    "newest": 0,
+    "newest": [None, None],
     "cycle_s": None,
     "bin_s": 0.25,
     "trend_s": [0, 4],
