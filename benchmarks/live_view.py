@@ -2,9 +2,9 @@
 
 Runs `rattle run --live` on the emulated beam with 16 channels and then with 64, or as many as are asked for,
 and opens the address that it prints, as soon as it does, in Chromium, which draws in software. Prints: from
-the address to the first picture; how far behind the newest sample, measured and predicted, the page was each time it had
-drawn, while the run recorded; in the middle of the record, texts that are cut or lie on each other, and channels that have
-all their traces. Run and browser share this machine's cores.
+the address to the first picture; how far behind the newest sample, and behind the prediction's, the page was
+each time it had drawn, while the run recorded; in the middle of the record, texts that are cut or lie on each
+other, and channels that have all their traces. Run and browser share this machine's cores.
 """
 
 from __future__ import annotations
