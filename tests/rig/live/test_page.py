@@ -176,6 +176,11 @@ def test_every_channel_has_its_traces_and_no_text_is_cut(
             page.locator("#worst").inner_text().startswith("highest level so far: contact.force_upper, 80 %")
         )
         assert page.locator("#left").inner_text() == "3.0 s left"
+        scale = page.locator(".cell").nth(1).locator(".scale, .edge").filter(visible=True)
+        assert re.findall(r"-?\d+", "".join(scale.all_inner_texts())) in (["-5", "45"], ["45", "-5"])
+        assert (
+            page.evaluate("() => parseFloat(getComputedStyle(document.querySelector('.head')).fontSize)") > 9
+        )
 
 
 @pytest.mark.long
