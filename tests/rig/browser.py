@@ -19,6 +19,7 @@ FLAGS = (
     "--disable-sync",
 )
 
+SIZES = [(1280, 800), (1920, 1080)]
 PLACES = ".cell, header, aside > *, footer"
 """Of the live page: what no text may reach out of."""
 TRACED = """() => state.channels.filter((channel, place) => ["cycle", "trend"].every(plot =>

@@ -27,12 +27,11 @@ from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 from rig.live.view import Elsewhere, Levels, Progress, Swept
 from rig.stream import Block, Shape, Stream
 from tests.rig import synthetic_run
-from tests.rig.browser import PLACES, TRACED, browser_page, faults_of_texts, needs_chromium
+from tests.rig.browser import PLACES, SIZES, TRACED, browser_page, faults_of_texts, needs_chromium
 from tests.rig.derived import turning
 from tests.rig.synthetic_run import CHANNELS, blocks
 
 pytestmark = [pytest.mark.browser, needs_chromium]
-SIZES = [(1280, 800), (1920, 1080)]
 COUNTS = [5, 16, 64]
 BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
 CRANK_SPEED = 2 * np.pi * turning.SPEED_HZ
