@@ -6,6 +6,7 @@ import json
 import re
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -257,26 +258,22 @@ def test_a_page_that_waits_is_answered_and_one_whose_run_or_server_is_gone_says_
         assert lost_after(60) == "the page's server does not answer: rattle live"
 
 
-@pytest.mark.parametrize(
-    ("seconds", "drawn"),
-    [(0.0, ("", "")), (0.03, ("", "measured predicted")), (0.2, ("measured predicted",) * 2)],
-)
-def test_what_is_not_drawn_yet_is_not_said_to_be(
-    server: PageServer, seconds: float, drawn: tuple[str, str]
-) -> None:
-    def begun(state: PageState) -> None:
+def test_what_is_not_drawn_yet_is_not_said_to_be(server: PageServer) -> None:
+    def begun(state: PageState, seconds: float) -> None:
         state.take(layout_of("steel beam", CHANNELS, CHANNELS, BEAM, cycle_s=0.05))
         for origin in ("measured", "predicted"):
             for first in blocks(CHANNELS, origin, seconds):
                 state.take(Block(origin, first))
 
+    both = "measured predicted"
     with browser_page() as page:
         page.goto(server.url)
-        shown(page, server, begun)
-        cell = page.locator(".cell").first
-        assert (cell.get_attribute("data-cycle"), cell.get_attribute("data-trend")) == drawn
-        edges = page.locator(".cell .edge.high").first.inner_text()
-        assert bool(edges) == (seconds > 0)
+        for seconds, drawn in ((0.0, ("", "")), (0.03, ("", both)), (0.2, (both, both))):
+            shown(page, server, partial(begun, seconds=seconds))
+            cell = page.locator(".cell").first
+            assert (cell.get_attribute("data-cycle"), cell.get_attribute("data-trend")) == drawn
+            edges = page.locator(".cell .edge.high").first.inner_text()
+            assert bool(edges) == (seconds > 0)
 
 
 def test_the_page_says_how_far_the_newest_that_is_drawn_lies_behind(server: PageServer) -> None:
