@@ -18,7 +18,7 @@ from daq.errors import ConfigurationError, RattleError
 from daq.log.reader import CRANK_SPEED, SURROGATE, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
 from rig.derived.derivation import derivation_of
-from rig.derived.settings import says_impacts
+from rig.derived.settings import role_of, says_impacts
 from rig.files.faults import read_toml
 from rig.files.quantity import QuantityError, si_value
 from rig.files.scenario import parse_scenario
@@ -26,10 +26,10 @@ from rig.pages.words import as_written
 from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Metadata, Record, Stream
 from rig.twin.scenario_twin import twin_of
+from sim_twin.rigs.channel_table import Role
 from sim_twin.sensors import SensorChain
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
-_UNWRAPPED = ".angle"
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +185,7 @@ class RunRecord:
             angle=crank.angle if crank else "",
             marker=crank.marker if crank else "",
             vibration=tuple(name for name in self.channels if not crank or name not in crank.plain),
-            unwrapped=frozenset(name for name in self.channels if name.endswith(_UNWRAPPED)),
+            unwrapped=frozenset(name for name in self.channels if role_of(name) is Role.ANGLE),
             stops=(UPPER, LOWER) if kind is None or {UPPER, LOWER} <= set(kind.contacts) else None,
             impacts=kind.channels.heard(self.channels) if kind else {},
         )

@@ -300,17 +300,14 @@ class _Run:
 
     def _show(self, view: LiveView, twin: AnyTwin, card: list[Channel], derived: list[Channel]) -> Reader:
         """Give the view every record from now on, which it may drop; what is returned shows it the levels."""
-        from rig.live.picture import Bounds, layout_of, picture_of
+        from rig.live.picture import bounds_of, layout_of, picture_of
         from rig.live.view import Levels
 
         encoder, measured = self._rig.devices.encoder, [*card, *self._rig.devices.logged]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
-        limits = {limit.channel: (limit.warning, limit.abort) for limit in self._scenario.limits}
-        bounds = {
-            each.name: Bounds(each.range, *limits.get(each.name, (None, None)))
-            for each in self._request.bench.daq_card.channels
-        }
+        ranges = {each.name: each.range for each in self._request.bench.daq_card.channels}
+        bounds = bounds_of(ranges, self._scenario.limits)
         cycle_s = 1 / self._scenario.drive.cycle_hz
         names = {channel.name for channel in measured}
         predicted = [channel for channel in predicted_channels(twin) if channel.name in names]
