@@ -35,6 +35,7 @@ from rig.pages.plots import Plots
 from rig.stream import Block, Metadata, Record
 from rig.twin.prediction import blocks_of, settling_s, skip
 from rig.twin.scenario_twin import twin_of
+from sim_twin.twin import AnyTwin
 
 SCENARIOS: Final[Mapping[str, tuple[str, Mapping[str, str]]]] = {
     "beam, 20 Hz": ("impact_beam", {}),
@@ -99,13 +100,14 @@ def shown(scenario: Scenario, seed: int, seconds: float) -> list[Iterator[Sample
     """What the sensors of a healthy rig show once it has settled, and what the nominal twin predicts."""
     nominal, rng = twin_of(scenario), np.random.default_rng(seed)
     drawn, phase = nominal.model.draw_healthy(nominal, rng, rng), float(rng.uniform(0, 2 * np.pi))
-    both = []
-    for twin, noise in ((drawn, rng), (nominal, None)):
+
+    def one(twin: AnyTwin, noise: np.random.Generator | None) -> Iterator[SampleBlock]:
         stream = twin.model.stream(twin, RATE, noise)
         stream.drive(twin.drive, phase)
         skip(stream, round(settling_s(twin, scenario.acquisition.settle) * RATE))
-        both.append(blocks_of(stream, 0, round(seconds * RATE), start_ns=0))
-    return both
+        yield from blocks_of(stream, 0, round(seconds * RATE), start_ns=0)
+
+    return [one(drawn, rng), one(nominal, None)]
 
 
 def ratio(pairs: NDArray[np.float64]) -> tuple[float, float]:

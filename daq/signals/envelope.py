@@ -24,7 +24,7 @@ def envelope(values: NDArray[np.floating], maximum_points: int) -> Envelope:
     count = len(values)
     if count <= maximum_points:
         return Envelope(np.arange(count), values)
-    size = -(-count // max(maximum_points // 2, 1))
+    size = stretch_of(count, maximum_points)
     whole = count // size * size
     buckets = values[:whole].reshape(-1, size)
     start = np.arange(0, whole, size)
@@ -35,3 +35,8 @@ def envelope(values: NDArray[np.floating], maximum_points: int) -> Envelope:
     index = np.sort(pairs, axis=1).ravel()
     index = index[np.concatenate(([True], np.diff(index) > 0))]
     return Envelope(index, values[index])
+
+
+def stretch_of(count: int, maximum_points: int) -> int:
+    """Samples in a bucket of an `envelope` of so many."""
+    return -(-count // max(maximum_points // 2, 1))

@@ -66,14 +66,6 @@ def _to_write(folder: Path | None) -> Path | None:
     return folder
 
 
-def require_new(out: Path, done: str) -> None:
-    """Refuse a file that is there already, or one in no folder, before something is `done` for it."""
-    if out.exists():
-        raise RattleError(f"{out} is there already; remove it or name another, nothing was {done}")
-    if not out.resolve().parent.is_dir():
-        raise RattleError(f"{out.parent}: no such folder; nothing was {done}")
-
-
 def out_folder(told: str, option: str = "--out") -> Any:
     """An option that names a folder for what a command makes, looked at before the command does anything."""
     return typer.Option(option, metavar="DIR", help=told, callback=_to_write)

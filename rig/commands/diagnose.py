@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 from daq.errors import RattleError
-from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, is_log, print_json, require_new
+from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, is_log, out_folder, print_json
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def diagnose(
         list[Path],
         typer.Argument(metavar="RUN.mcap...", help="Logs of runs of one rig; of one of your own, its files."),
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the answer goes.")],
+    out: Annotated[Path, out_folder("Where the answer goes.")],
     model: Model = None,
     seed: Seed = 0,
     budget: Annotated[
@@ -64,8 +64,6 @@ def diagnose(
 ) -> None:
     from rig.diagnosis.argument import argument_lines
 
-    if out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     screen = Screen(Terminal(stderr=machine))
     if subject is None:
         from rig.diagnosis.diagnose_runs import diagnose_runs
@@ -143,6 +141,7 @@ def calibrate(
 ) -> None:
     from daq.log.reader import LogReader
     from rig.diagnosis.diagnose_runs import recorded_of
+    from rig.files.out_folder import require_new
     from rig.twin.logged import as_model_text, followed_scenario, found
 
     require_new(out, "calibrated")

@@ -76,6 +76,8 @@ def export(
         origins, names = _chosen(log, channels, origin)
         with screen.busy("reading", Work("read for export", size)):
             recording = read_log(log, scratch, origins, names)
+            if all_rates or not chosen.one_rate:
+                recording = _with_impacts(recording, log)
             if start_s > 0 or end_s < math.inf:
                 recording = within(recording, start_s, end_s)
                 if not any(track.stretches for track in recording.tracks):
@@ -96,6 +98,15 @@ def export(
             written = chosen.write(recording, target, screen.warn)
     for path in written:
         screen.say(f"file       {path}")
+
+
+def _with_impacts(recording: Recording, log: LogReader) -> Recording:
+    """With those of its channels by the rule, whatever the log has."""
+    from rig.derived.derivation import impacts_of
+
+    there = {(track.origin, track.channel.name) for track in recording.tracks}
+    impacts = [each for each in impacts_of(log) if (each.origin, each.channel) in there]
+    return dataclasses.replace(recording, impacts=impacts)
 
 
 def _chosen(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from rig.commands.arguments import RunFiles, is_log, require_new
+from rig.commands.arguments import RunFiles, is_log
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def identify(
 ) -> None:
     from rig.diagnosis import identify as work
     from rig.diagnosis.recordings import recorded
+    from rig.files.out_folder import require_new
     from rig.files.scenario import parse_scenario
 
     require_new(out, "identified")

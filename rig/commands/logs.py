@@ -190,7 +190,7 @@ def _half_cycle_lines(run: RunRecord) -> Iterator[str]:
     from rig.report.record import ORIGINS
     from rig.report.summary import half_cycle_statistics
 
-    if not any(name.startswith("contact.") for name in run.channels):
+    if not run.channels.keys() & {*(run.roles.stops or ())}:
         return
     for origin in ORIGINS:
         if any(whose == origin for whose, _ in run.tallies):

@@ -28,11 +28,13 @@ def predict(
     as_json: Json = False,
 ) -> None:
     from rig.files.model_file import load_model
+    from rig.files.out_folder import require_new
     from rig.files.scenario import load_scenario
     from rig.twin.logged import with_model
     from rig.twin.prediction_file import write_prediction
     from rig.twin.scenario_twin import twin_of, with_effects
 
+    require_new(out, "predicted")
     scenario = load_scenario(scenario_file)
     screen, wanted = Screen(Terminal(stderr=as_json)), scenario.acquisition
     twin = twin_of(scenario)

@@ -27,7 +27,7 @@ from rig.commands.arguments import (
     overrides,
     print_json,
 )
-from rig.session.pace import Work
+from rig.session.pace import Work, lasting
 from rig.session.progress import Screen, Terminal
 from rig.session.signals import Stopped
 
@@ -65,21 +65,20 @@ def run(
     from rig.twin.scenario_twin import check_twin
 
     screen = Screen(Terminal(stderr=as_json))
-    lasting = [] if duration is None else [f"acquisition.duration={duration}"]
-    changed = {**noted(note or []), **overrides([*(settings or ()), *lasting])}
+    length = [] if duration is None else [f"acquisition.duration={duration}"]
+    changed = {**noted(note or []), **overrides([*(settings or ()), *length])}
     scenario, bench = load_pair(partial(load_scenario, settings=changed), scenario_file, bench_file)
+    open_ended = until_stopped and "acquisition.duration" not in changed
     if until_stopped:
         if screen.nobody_enters():
             raise typer.BadParameter(
                 "--until-stopped: standard input is at its end, so no Enter can come; say --duration instead"
             )
-        at_most = scenario.acquisition.duration
-        if duration is None:
-            at_most = changed["acquisition.duration"] = longest_s(
-                scenario.acquisition, bench, free_bytes(out)
-            )
+        if open_ended:
+            changed["acquisition.duration"] = longest_s(scenario.acquisition, bench, free_bytes(out))
             scenario = load_scenario(scenario_file, changed)
-        screen.say(f"Enter ends the record, at the latest after {at_most:g} s; Ctrl-C stops the run at once")
+        at_most = lasting(scenario.acquisition.duration)
+        screen.say(f"Enter ends the record, at the latest after {at_most}; Ctrl-C stops the run at once")
     fitted = None if model is None else load_model(model, scenario.rig)
     clock = SystemClock()
     check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(out))
@@ -88,7 +87,7 @@ def run(
         screen.warn(told)
     request = RunRequest(scenario, bench, connect, out, live, fitted)
     if until_stopped:
-        request = replace(request, enough=screen.enter_pressed())
+        request = replace(request, enough=screen.enter_pressed(), open_ended=open_ended)
     if live and screen.attended:
         request = replace(request, armed=True)
     lasts = scenario.acquisition.settle + scenario.acquisition.duration
@@ -117,15 +116,28 @@ def live(
     ] = None,
     stop: Annotated[bool, typer.Option("--stop", help="End the one that is up.")] = False,
 ) -> None:
-    from rig.live.page_server import PORT, answering, page_port, page_url, serve_page, stop_page
+    from rig.live.page_server import (
+        PORT,
+        PORT_VARIABLE,
+        answering,
+        page_port,
+        page_url,
+        serve_page,
+        stop_page,
+    )
 
-    screen, at = Screen(Terminal()), port or page_port() or PORT
+    screen, of_runs = Screen(Terminal()), page_port()
+    at = port or of_runs or PORT
     if stop:
         screen.say(f"{page_url(at)} {'ended' if stop_page(at) else 'was not up'}")
-    elif answering(at) is not None:
-        screen.say(f"live view  {page_url(at)} is up; rattle live --stop ends it")
-    else:
-        screen.say(f"live view  {page_url(at)}; Ctrl-C ends it")
+        return
+    up, elsewhere = answering(at) is not None, port is not None and at != of_runs
+    which = f" --port {at}" if elsewhere else ""
+    how = f" is up; rattle live{which} --stop ends it" if up else "; Ctrl-C ends it"
+    screen.say(f"live view  {page_url(at)}{how}")
+    if elsewhere:
+        screen.say(f"runs       come here with {PORT_VARIABLE}={at} in their environment")
+    if not up:
         serve_page(at)
 
 

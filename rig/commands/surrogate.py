@@ -47,13 +47,11 @@ def train(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same network.")] = 0,
 ) -> None:
+    from rig.files.out_folder import require_new
     from rig.files.surrogate_file import save_surrogate
     from rig.surrogates.training import trained
 
-    if out.exists():
-        raise RattleError(f"{out} is there already; remove it or name another, nothing was trained")
-    if not out.resolve().parent.is_dir():
-        raise RattleError(f"{out.parent}: no such folder; nothing was trained")
+    require_new(out, "trained")
     if error_goal is not None and network != "rbf":
         raise typer.BadParameter("a grnn adds no units", param_hint="--error-goal")
     screen = Screen(Terminal())

@@ -10,7 +10,7 @@ from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import ConfigurationError, LogError, RecorderFailed
 from daq.log.reader import CRANK_SPEED, CYCLE_PEAK, CYCLE_RMS, LogReader, Origin, derived_name
-from daq.log.records import Event
+from daq.log.records import Event, Impact
 from rig.derived.settings import (
     RECORD,
     STOPPED,
@@ -21,6 +21,7 @@ from rig.derived.settings import (
     nominal_of,
     reference_of,
     role_of,
+    says_impacts,
 )
 from rig.files.scenario import Scenario
 from rig.stream import Block, Consumer, Metadata, Record
@@ -88,6 +89,18 @@ def derivation_of(log: LogReader, publish: Consumer) -> Derivation:
         scenario = None
     names = {origin: list(log.channels(origin)) for origin in ORIGINS}
     return Derivation(publish, names, scenario, from_record(log.metadata.get(RECORD, {})))
+
+
+def impacts_of(log: LogReader) -> list[Impact]:
+    """All impacts of a log by the rule: found anew where it lacks them, or has them by an earlier one."""
+    if says_impacts(log):
+        return log.impacts()
+    found: list[Impact] = []
+    derivation = derivation_of(log, lambda each: found.append(each) if isinstance(each, Impact) else None)
+    for origin, block in log.blocks(ORIGINS):
+        derivation(Block(origin, block))
+    derivation.finish()
+    return found
 
 
 def derived_channels(

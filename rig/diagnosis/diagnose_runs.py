@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,6 +24,7 @@ from rig.diagnosis.report.case import Case, RunFacts
 from rig.ensembles import Simulated, cores, workers_when_needed
 from rig.files.effects_file import load_effects
 from rig.files.model_file import ModelFile, load_model
+from rig.files.out_folder import check_out
 from rig.files.scenario import parse_scenario
 from rig.pages.content import Section, page
 from rig.session.progress import Screen
@@ -64,17 +64,12 @@ def diagnose_runs(
     for runs that cannot be used.
     """
     began = time.monotonic()
+    check_out(out)
     with screen.busy("reading"):
         data = recorded_of(runs, model, screen)
     remarks = list(data.remarks)
     for remark in remarks:
         screen.warn(remark)
-    try:  # before anything is simulated, so that nothing is found out that cannot be written
-        out.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise RattleError(f"cannot write to {out}: {error.strerror}") from error
     planned = effort_for(data.campaign, effort * budget_s)
     latest_s = max(1.0, effort) * budget_s
     told = _text_of(model)
@@ -122,6 +117,7 @@ def diagnose_runs(
         findings, catalogue, data.paths, said, reach, experiment, seconds, remarks, forces, units, cycles
     )
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
+    out.mkdir(parents=True, exist_ok=True)
     files = {what: out / name for what, name in names.items()}
     write_json(files["diagnosis"], content)
     write_json(files["effects"], effects_file(findings))
@@ -187,7 +183,8 @@ def _next_experiment(
     effects = ((first.best,), (second.best,))
     columns, quiet = data.campaign.runs[0].columns, data.campaign.runs[0].quiet
     found: list[tuple[float, Option]] = []
-    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains):
+    recorded_s = len(data.sound[0]) / columns.rate
+    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains, recorded_s):
         campaign = option.campaign
         if known is not None:
             scenario = parse_scenario(option.scenario)

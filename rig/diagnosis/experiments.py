@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,17 +47,18 @@ def options(
     rate: float,
     quiet: Mapping[str, float] = NOTHING,
     chains: Mapping[str, str] = NOTHING,
+    recorded_s: float = math.inf,
 ) -> list[Option]:
     """Other settings of the rig within what its scenario files allow, most different first.
 
     They are looked at like the runs that were made, at `rate` Hz with the shares `quiet` of the noise,
-    through the same `chains`.
+    through the same `chains`. `recorded_s`: where the run ended before its scenario asked it to.
     """
     table = tomllib.loads(scenario_text)
     kind = RIGS[table["rig"]]
     found = []
     for variation in kind.variations:
-        changed = _changed(table, variation, kind.name)
+        changed = _changed(table, variation, kind.name, recorded_s)
         if changed is None:
             continue
         text = toml_of(changed)
@@ -70,7 +72,9 @@ def options(
     return found[:_MOST]
 
 
-def _changed(table: Mapping[str, Any], variation: Mapping[str, float], rig: str) -> dict[str, Any] | None:
+def _changed(
+    table: Mapping[str, Any], variation: Mapping[str, float], rig: str, recorded_s: float
+) -> dict[str, Any] | None:
     """The scenario with some quantities multiplied; None where it does not give one of them."""
     changed = with_values(table, {})
     said = []
@@ -84,6 +88,7 @@ def _changed(table: Mapping[str, Any], variation: Mapping[str, float], rig: str)
         said.append(f"{key} {changed[section][key]}")
     lasts, unit = written(changed["acquisition"]["duration"])
     if unit in ("", "s"):  # as many cycles as before, and not too few of them
+        lasts = min(lasts, recorded_s)
         slower = min([1.0, *(variation[key] for key in _SLOWER & set(variation))])
         longer = float(f"{max(lasts, _LEAST_DURATION, min(lasts / slower, _LONG_ENOUGH)):.3g}")
         changed["acquisition"]["duration"] = f"{longer:g} {unit}".strip() if unit else longer

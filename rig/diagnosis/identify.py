@@ -405,7 +405,8 @@ def _next_run(
     columns, quiet = data.campaign.runs[0].columns, data.campaign.runs[0].quiet
     names = [wide.name for wide in known.wides]
     best, least = None, float(np.sum(np.log(known.deviation[open_ones])))
-    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains):
+    recorded_s = len(data.sound[0]) / columns.rate
+    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains, recorded_s):
         scenario = parse_scenario(option.scenario)
         if any(scenario.model.get(name) != scenarios[0].model.get(name) for name in names):
             continue  # what is looked for is not set anew

@@ -75,8 +75,8 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     Raises RattleError for a subject or files that cannot be used.
     """
     began = time.monotonic()
-    subject, measured = _read(request)
     check_out(out)
+    subject, measured = _read(request)
     rigs = request.rigs or max(_LEAST, _EACH * len(subject.causes))
     effort, name = Effort(rigs, _JUDGING), Path(request.subject).stem
     seeds = range(request.seed, request.seed + request.seeds)

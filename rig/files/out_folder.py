@@ -17,3 +17,12 @@ def check_out(folder: Path) -> None:
                 raise RattleError(f"{there} is a file; name a folder") from error
             if not isinstance(error, FileNotFoundError | NotADirectoryError) or there.exists():
                 raise RattleError(f"cannot write to {there}: {error.strerror}") from error
+
+
+def require_new(out: Path, done: str) -> None:
+    """Refuse a file that is there already, or cannot be written, before something is `done` for it."""
+    if out.exists():
+        raise RattleError(f"{out} is there already; remove it or name another, nothing was {done}")
+    if not out.resolve().parent.is_dir():
+        raise RattleError(f"{out.parent}: no such folder; nothing was {done}")
+    check_out(out.parent)

@@ -13,6 +13,7 @@ from daq.errors import RattleError
 from rig.diagnosis.diagnose_runs import diagnose_runs
 from rig.diagnosis.own_rig import OwnRequest, diagnose_own
 from rig.files.file_kind import refuse_other_than_log
+from rig.files.out_folder import check_out
 from rig.library.log import Folder, Log, needed, table_of
 from rig.library.run import unguarded_main
 from rig.session.progress import Screen, Terminal
@@ -117,6 +118,7 @@ def diagnosed(
     runs = [log.path if isinstance(log, Log) else Path(log) for log in each]
     kept = Folder()
     folder = kept.path if out is None else Path(out)
+    check_out(folder)
     fitted = None if model is None else Path(model)
     screen = Screen(Terminal(quiet=quiet))
     with unguarded_main():

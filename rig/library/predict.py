@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.files.out_folder import require_new
 from rig.files.scenario import load_scenario
 from rig.library.log import Folder, Log
 from rig.twin.prediction_file import write_prediction
@@ -26,6 +27,8 @@ def predicted(
     out: _File | None,
 ) -> Log:
     """See `rattle.predict`."""
+    if out is not None:
+        require_new(Path(out), "predicted")
     scenario = load_scenario(Path(scenario_file), settings)
     folder = Folder()
     twin, file = twin_of(scenario), None

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import CRANK_SPEED, CYCLE_PEAK, Origin, derived_name
-from daq.log.records import Event, Impact
+from daq.log.records import RECORD_END, STOPPING, Event, Impact
 from rig.live import paths
 from rig.live.picture import Layout
 from rig.live.sketch import FRAMES
@@ -112,7 +112,7 @@ class PageState:
         self._elsewhere = ""
         self._progress = Progress("starting")
         self._layout = Layout("", {}, {})
-        self._started = self._newest_ns = 0
+        self._heard_ns = 0
         self._start_ns: int | None = None
         self._events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
         self._dropped = 0
@@ -134,6 +134,8 @@ class PageState:
         self._columns = max(_COLUMNS // max(len(self._traces), 1) // 2, _FEWEST_COLUMNS)
         self._columns = min(self._columns, 160)
         self._grid = 0.0, layout.cycle_s or _NO_CYCLE_S
+        self._recorded = False
+        self._drawn_ns: dict[Origin, int] = {}
         self._levels: dict[str, float] = {}
         self._most: dict[str, float] = {}
         self._impacts: dict[str, tuple[int, float, str]] = {}
@@ -147,15 +149,16 @@ class PageState:
         """Note what a record says; cheap, whatever comes."""
         self._changed = True
         match frame:
-            case Layout():
-                self._layout = frame
+            case Layout():  # of the next run, maybe
+                self._layout, self._start_ns = frame, None
+                self._events.clear()
                 self._lay_out()
             case Progress():
                 if frame.text != self._progress.text:
                     self._due_s = 0.0
                 self._progress = frame
             case Levels(time_ns, most):
-                self._newest_ns = max(self._newest_ns, time_ns)
+                self._heard_ns = time_ns
                 self._note_levels(dict(zip(self._layout.origins.get("measured", ()), most, strict=False)))
             case Swept():
                 self._swept = frame
@@ -164,6 +167,7 @@ class PageState:
             case Dropped(records):
                 self._dropped = records
             case Event():
+                self._recorded |= frame.code in (RECORD_END, STOPPING)
                 self._events.append((frame.level, frame.text))
             case _:
                 self._note(frame)
@@ -191,12 +195,11 @@ class PageState:
         if self._start_ns is None:
             self._start_ns = sample_time_ns(samples.time_ns, -samples.first_sample, samples.sample_rate)
         self._traces[origin, samples.channel].add(samples)
-        if origin == "measured":
-            end_ns = sample_time_ns(samples.time_ns, len(samples), samples.sample_rate)
-            self._newest_ns = max(self._newest_ns, end_ns)
-            if len(samples):
-                level = float(np.fmax.reduce(np.abs(samples.values)))
-                self._note_levels({samples.channel: level})
+        end_ns = sample_time_ns(samples.time_ns, len(samples), samples.sample_rate)
+        self._drawn_ns[origin] = max(self._drawn_ns.get(origin, 0), end_ns)
+        if origin == "measured" and len(samples):
+            level = float(np.fmax.reduce(np.abs(samples.values)))
+            self._note_levels({samples.channel: level})
 
     def _note_derived(self, samples: SampleBlock) -> None:
         if samples.channel in self._peaks and self._start_ns is not None:
@@ -233,7 +236,7 @@ class PageState:
             "stage": progress._asdict(),
             "ended": self._ended,
             "explore": self._elsewhere,
-            "newest": self._newest_ns / NS_PER_S,
+            "newest": self._newest(),
             "cycle_s": self._grid[1] if layout.cycle_s else None,
             "bin_s": bin_s,
             "trend_s": [first_bin * bin_s, (first_bin + bins) * bin_s],
@@ -247,6 +250,16 @@ class PageState:
             "swept": None if self._swept is None else self._swept._asdict(),
             "sketch": None if self._sketch is None else self._sketch.drawn(self._angles()),
         }
+
+    def _newest(self) -> list[float | None]:
+        """Unix time, s, of the newest that is drawn, measured and predicted; before it comes, of the levels.
+
+        Nothing once the record is over: from then on nothing lags.
+        """
+        if self._recorded:
+            return [None, None]
+        ends_ns = self._drawn_ns.get("measured", self._heard_ns), self._drawn_ns.get("predicted", 0)
+        return [each / NS_PER_S or None for each in ends_ns]
 
     def _channel(self, name: str, first_bin: int, bins: int) -> dict[str, Any]:
         layout, wraps = self._layout, name in self._wraps

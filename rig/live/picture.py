@@ -27,6 +27,7 @@ from rig.stream import Record
 from sim_twin.rigs.channel_table import Role
 
 if TYPE_CHECKING:
+    from rig.files.scenario import Limit
     from sim_twin.twin import AnyTwin
 
 
@@ -117,6 +118,12 @@ class Bounds(NamedTuple):
     range: float | None = None
     warning: float | None = None
     abort: float | None = None
+
+
+def bounds_of(ranges: Mapping[str, float | None], limits: Iterable[Limit]) -> dict[str, Bounds]:
+    """Those of the channels with these `ranges`."""
+    told = {limit.channel: (limit.warning, limit.abort) for limit in limits}
+    return {name: Bounds(full, *told.get(name, (None, None))) for name, full in ranges.items()}
 
 
 _POINTS_PER_S = 12_000

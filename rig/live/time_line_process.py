@@ -127,10 +127,11 @@ def _frames(records: Connection) -> Iterator[Shown]:
 
 
 def _show(frames: Iterator[Shown], sink_url: str, patience_s: float) -> None:
-    """In Rerun, from the first layout on."""
+    """In Rerun, each layout as a recording of its own."""
     recording = scene = None
     for frame in frames:
         if isinstance(frame, Layout):
+            _finish(recording, scene)
             recording = rr.RecordingStream("rattle")
             recording.connect_grpc(sink_url, default_blueprint=blueprint(frame))
             recording.send_recording_name(frame.title)
@@ -138,6 +139,10 @@ def _show(frames: Iterator[Shown], sink_url: str, patience_s: float) -> None:
             scene.open()
         elif scene is not None:
             scene.show((frame,))
+    _finish(recording, scene)
+
+
+def _finish(recording: rr.RecordingStream | None, scene: Scene | None) -> None:
     if scene is not None and recording is not None:
         scene.finish()
         recording.flush(timeout_sec=LAST_WORDS_S)

@@ -6,7 +6,7 @@ import functools
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from daq.errors import ConfigurationError, RattleError
 from daq.log.reader import CRANK_SPEED, SURROGATE, LogReader, Origin, derived_name
 from daq.log.records import Event, Gap, Impact
 from rig.derived.derivation import derivation_of
-from rig.derived.settings import says_impacts
+from rig.derived.settings import role_of, says_impacts
 from rig.files.faults import read_toml
 from rig.files.quantity import QuantityError, si_value
 from rig.files.scenario import parse_scenario
@@ -26,10 +26,10 @@ from rig.pages.words import as_written
 from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Metadata, Record, Stream
 from rig.twin.scenario_twin import twin_of
+from sim_twin.rigs.channel_table import Role
 from sim_twin.sensors import SensorChain
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
-_UNWRAPPED = ".angle"
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +123,16 @@ class Trace:
     begins_s: float = 0.0
 
     def window(self, start_s: float, end_s: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Times in s since sample 0 and samples between two times, both of shape (m,)."""
-        first = max(round(start_s * self.sample_rate), 0)
-        values = self.values[first : max(round(end_s * self.sample_rate), first)]
-        return (first + np.arange(len(values))) / self.sample_rate, values
+        """Times in s since sample 0 of the card and samples between two times, both of shape (m,)."""
+        first, end = (round((at - self.begins_s) * self.sample_rate) for at in (start_s, end_s))
+        first = max(first, 0)
+        values = self.values[first : max(end, first)]
+        return self.begins_s + (first + np.arange(len(values))) / self.sample_rate, values
+
+    @property
+    def end_s(self) -> float:
+        """Since sample 0 of the card."""
+        return self.begins_s + len(self.values) / self.sample_rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +185,7 @@ class RunRecord:
             angle=crank.angle if crank else "",
             marker=crank.marker if crank else "",
             vibration=tuple(name for name in self.channels if not crank or name not in crank.plain),
-            unwrapped=frozenset(name for name in self.channels if name.endswith(_UNWRAPPED)),
+            unwrapped=frozenset(name for name in self.channels if role_of(name) is Role.ANGLE),
             stops=(UPPER, LOWER) if kind is None or {UPPER, LOWER} <= set(kind.contacts) else None,
             impacts=kind.channels.heard(self.channels) if kind else {},
         )
@@ -191,7 +197,7 @@ class RunRecord:
     def written(self, origin: Origin, name: str) -> Trace:
         """A trace in `unit`."""
         trace, factor = self.traces[origin, name], as_written(self.channels[name].unit)[0]
-        return trace if factor == 1.0 else Trace(np.float32(factor) * trace.values, trace.sample_rate)
+        return trace if factor == 1.0 else replace(trace, values=np.float32(factor) * trace.values)
 
     @property
     def duration_s(self) -> float:

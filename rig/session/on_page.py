@@ -51,6 +51,8 @@ def on_page(screen: Screen) -> Iterator[LiveView]:
 def show(view: LiveView, layout: Layout, screen: Screen) -> None:
     """Show these channels, and name the addresses that are new; raises InstrumentAbsent without Rerun."""
     view.show(layout)
+    if view.url:
+        return
     view.open()
     for what, url in (("live view ", view.page_url), ("time line ", view.url)):
         if url:

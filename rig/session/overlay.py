@@ -68,8 +68,8 @@ def overlay_run(
         twins: dict[Origin, AnyTwin] = {"predicted": twin}
         if effects is not None:
             twins = {"predicted": with_effects(twin, effects), "nominal": twin}
-        predicted_s = len(twins) * scenario.acquisition.duration
-        told = stack.enter_context(_shown(screen, scenario, predicted_s, learnt is not None))
+        record_s = log.end_s("measured", next(iter(measured)))  # which may have ended before it was asked to
+        told = stack.enter_context(_shown(screen, scenario, len(twins) * record_s, learnt is not None))
         with LogWriter(target) as copy, removed_if_it_fails(target):
             derived = _derivation(log, copy, scenario, twins)
             _copy(log, copy, derived)
@@ -85,9 +85,8 @@ def overlay_run(
                 }
             copy.add_metadata("twin", record)
             for number, (origin, each) in enumerate(twins.items()):
-                before_s = number * scenario.acquisition.duration
 
-                def so_far(seconds: float, before_s: float = before_s) -> None:
+                def so_far(seconds: float, before_s: float = number * record_s) -> None:
                     told(before_s + seconds)
 
                 _predict(log, copy, scenario, origin, each, derived, so_far)

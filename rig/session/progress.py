@@ -95,7 +95,7 @@ class Waiting:
 
         Measured for half as long as until then at least, for what works side by side reports at once.
         """
-        if self._first is None or self._done <= self._first[0]:
+        if not self._total or self._first is None or self._done <= self._first[0]:
             return None
         first, first_s = self._first
         if self._done_s - first_s < max(_MEASURED_S, (first_s - self._began_s) / 2):
@@ -105,11 +105,13 @@ class Waiting:
 
 
 class _Left(ProgressColumn):
-    """The time left, and what else is told beside it."""
+    """The time left, or gone where nobody knows when it ends, and what else is told beside it."""
 
     def render(self, task: Task) -> Text:
         left_s: float | None = task.fields["waiting"].left_s
         words = [] if left_s is None else [f"{lasting(left_s)} left"]
+        if task.total is None and task.completed:
+            words = [f"{lasting(task.completed)} so far"]
         return Text("   ".join([*words, *filter(None, [task.fields["beside"]()])]))
 
 
@@ -239,14 +241,17 @@ class Screen:
     ) -> Iterator[Callable[[float], None]]:
         """A progress bar up to `total` seconds, or what `unit` says; on a pipe, of a count each quarter.
 
+        Where `total` is 0 s a person ends it, nobody knows when, and how long it has gone on is shown.
         What it gives is told how far it is, in that unit; `beside` says what else there is to see. How long
         `work` takes is told at the start or, where nobody knows, once it is measured.
         """
         self.stage(text, 0.0, total, unit)
         told_s = self._expected_s(work)
-        waiting = Waiting(total, total if told_s is None and unit == "s" else told_s, self._clock)
+        endless = not total and unit == "s"
+        known_s = (total or None) if told_s is None and unit == "s" else told_s
+        waiting = Waiting(total, known_s, self._clock)
         if self.console.is_terminal:
-            with self._shown(text, total, waiting, beside) as show:
+            with self._shown(text, None if endless else total, waiting, beside) as show:
 
                 def shown(done: float) -> None:
                     waiting.report(done)
@@ -256,7 +261,8 @@ class Screen:
                 yield shown
         else:
             about = [] if told_s is None else [f"{_about(told_s)}{' in all' if unit == 's' else ''}"]
-            self.say(f"{text} ({', '.join([f'{total:g} {unit}', *about])}) ...")
+            size = ", ".join([*([] if endless else [f"{total:g} {unit}"]), *about])
+            self.say(f"{text}{f' ({size})' if size else ''} ...")
             said, measured = 0, told_s is not None or work is None
 
             def quarters(done: float) -> None:

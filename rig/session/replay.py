@@ -47,18 +47,19 @@ def replay_log(
         if view is not None:
             scenario = scenario_of(log)
             twin = predicting_twin(log, scenario)
-            from rig.live.picture import Bounds, layout_of, picture_of  # only what is shown need load Rerun
+            from rig.live.picture import (
+                bounds_of,
+                layout_of,
+                picture_of,
+            )  # only what is shown need load Rerun
 
             origins = {origin: list(log.channels(origin).values()) for origin in PLAYED}
             picture, derivable = picture_of(twin), derived_channels(origins, scenario)
             measured, predicted, beside = (origins[each] for each in ("measured", "predicted", "nominal"))
             learnt = origins[SURROGATE]
-            limits = {each.channel: (each.warning, each.abort) for each in scenario.limits}
             noted = log.metadata.get("run", {})
-            bounds = {
-                each.name: Bounds(scale_of(noted, RANGE, each.name), *limits.get(each.name, (None, None)))
-                for each in measured
-            }
+            ranges = {each.name: scale_of(noted, RANGE, each.name) for each in measured}
+            bounds = bounds_of(ranges, scenario.limits)
             cycle_s = 1 / scenario.drive.cycle_hz
             shown = layout_of(
                 scenario.name, measured, predicted, picture, None, beside, derivable, learnt, bounds, cycle_s

@@ -66,9 +66,13 @@ class Sequence:
     feed: TwinFeed
     hold: FrequencyHold | None = None
     path: tuple[Any, ...] = ()
+    open_ended: bool = False
 
-    def drive_and_record(self) -> None:
-        """Move and record, and bring the drive to rest; raises what ends it early, with the drive on."""
+    def drive_and_record(self) -> float:
+        """Move and record, and bring the drive to rest; returns how many s were recorded.
+
+        Raises what ends it early, with the drive on.
+        """
         rig, wanted = self.rig, self.wanted
         if wanted.settle > 0:
             work = Work(f"start and settle {rig.name}", wanted.settle)
@@ -86,15 +90,18 @@ class Sequence:
         count = pre_trigger + self._samples(wanted.duration)
         begin = rig.start_record(count)
         rig.logbook.tell("info", "record.start", "recording")
-        with rig.screen.bar("recording", wanted.duration, beside=rig.levels.worst) as bar:
+        lasts_s = 0.0 if self.open_ended else wanted.duration
+        with rig.screen.bar("recording", lasts_s, beside=rig.levels.worst) as bar:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
             rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar(self._since(begin)))
-        short = rig.acquisition.record_until != begin + count
+        end = rig.acquisition.record_until or begin + count
+        short = end != begin + count
         rig.logbook.tell("info", RECORD_END, f"{RECORDED} until it was enough" if short else RECORDED)
         rig.end_record()
         rig.ramp_down()
+        return (end - begin) / rig.sample_rate
 
     def _trim(self, since: int) -> bool:
         """Correct what the frequency is off by the measured drive; returns whether it was."""
@@ -152,10 +159,10 @@ class RunRequest:
 
     `model`: what calibration found of the rig; None where the twin is the scenario's. `consumers` get every
     record; `enough` is asked in the acquisition thread after each reading that was recorded, and must be
-    quick: once it returns True, the record ends with that reading. `view_stays` until a person closes it.
-    `path`: the sections [drive] that the drive comes through before it settles. `armed`: it waits for Enter,
-    with all connected and measuring, before anything moves. `standing` has the devices where they stay
-    connected for the next run. `swept` is shown beside it.
+    quick: once it returns True, the record ends with that reading. `open_ended`: nothing else is meant to end
+    it. `view_stays` until a person closes it. `path`: the sections [drive] that the drive comes through
+    before it settles. `armed`: it waits for Enter, with all connected and measuring, before anything moves.
+    `standing` has the devices where they stay connected for the next run. `swept` is shown beside it.
     """
 
     scenario: Scenario
@@ -166,6 +173,7 @@ class RunRequest:
     model: ModelFile | None = None
     consumers: tuple[Consumer, ...] = ()
     enough: Callable[[], bool] = lambda: False
+    open_ended: bool = False
     view_stays: bool = True
     path: tuple[Any, ...] = ()
     armed: bool = False
@@ -177,7 +185,9 @@ def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
     """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
     scenario, bench, standing = request.scenario, request.bench, request.standing
     with ExitStack() as stack:
-        view = stack.enter_context(on_page(screen)) if request.live else None
+        view = None
+        if request.live:
+            view = stack.enter_context(on_page(screen)) if standing is None else standing.view(screen)
         stop = stack.enter_context(StopRequest())
         if standing is None:
             devices, notes = connected(stack, request.connect, scenario, bench, screen, stop)
@@ -201,6 +211,7 @@ class _Run:
     ) -> None:
         self._request, self._scenario = request, request.scenario
         self._rig, self._notes, self._stop, self._view = rig, notes, stop, view
+        self._dropped_before = 0 if view is None else view.dropped
         self._hold: FrequencyHold | None = None
         self._frequency: FrequencyCheck | None = None
         held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
@@ -265,13 +276,13 @@ class _Run:
         for channel in predicted_channels(twin):
             if channel.name in (*rig.names, *beside):
                 rig.recorder.declare("predicted", channel)
-        self._move_and_record()
-        work = Work(f"finish {self._scenario.rig}", wanted.settle + wanted.duration)
+        work = Work(f"finish {self._scenario.rig}", wanted.settle + self._move_and_record())
         with rig.screen.busy("finishing the prediction", work):
             feed.finish(self._stop.check)
             derivation.finish(rig.logbook.note, self._stop.check)
         if view is not None:
-            rig.logbook.tell("info", "view.dropped", f"{view.dropped} blocks were not shown")
+            dropped = view.dropped - self._dropped_before
+            rig.logbook.tell("info", "view.dropped", f"{dropped} blocks were not shown")
         rig.recorder.close()
         rig.screen.stage(f"finished: {log}")
         if view is not None and self._request.view_stays:
@@ -289,17 +300,14 @@ class _Run:
 
     def _show(self, view: LiveView, twin: AnyTwin, card: list[Channel], derived: list[Channel]) -> Reader:
         """Give the view every record from now on, which it may drop; what is returned shows it the levels."""
-        from rig.live.picture import Bounds, layout_of, picture_of
+        from rig.live.picture import bounds_of, layout_of, picture_of
         from rig.live.view import Levels
 
         encoder, measured = self._rig.devices.encoder, [*card, *self._rig.devices.logged]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
-        limits = {limit.channel: (limit.warning, limit.abort) for limit in self._scenario.limits}
-        bounds = {
-            each.name: Bounds(each.range, *limits.get(each.name, (None, None)))
-            for each in self._request.bench.daq_card.channels
-        }
+        ranges = {each.name: each.range for each in self._request.bench.daq_card.channels}
+        bounds = bounds_of(ranges, self._scenario.limits)
         cycle_s = 1 / self._scenario.drive.cycle_hz
         names = {channel.name for channel in measured}
         predicted = [channel for channel in predicted_channels(twin) if channel.name in names]
@@ -326,20 +334,22 @@ class _Run:
         rig.screen.stage(text)
         rig.watch.until(rig.acquisition, rig.screen.enter_pressed())
 
-    def _move_and_record(self) -> None:
-        rig, path = self._rig, self._request.path
+    def _move_and_record(self) -> float:
+        """Returns how many s were recorded."""
+        rig, request = self._rig, self._request
         with rig.moving():
-            if self._request.armed:
+            if request.armed:
                 self._await_enter()
-            Sequence(self._scenario.acquisition, rig, self._feed, self._hold, path).drive_and_record()
+            wanted = self._scenario.acquisition
+            moves = Sequence(wanted, rig, self._feed, self._hold, request.path, request.open_ended)
+            recorded_s = moves.drive_and_record()
         rig.tell_of_marks()
         if rig.encoder is not None:
             for code, text in rig.shaft.encoder_at_mark(rig.encoder):
                 rig.logbook.tell("info", code, text)
-        if self._frequency is None:
-            return
-        found = self._frequency.result()
-        if found.code == HELD:
+        found = None if self._frequency is None else self._frequency.result()
+        if found is not None and found.code == HELD:
             rig.logbook.tell("info", found.code, str(found))
-        else:
+        elif found is not None:
             rig.warn(found.code, str(found))
+        return recorded_s

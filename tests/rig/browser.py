@@ -19,6 +19,13 @@ FLAGS = (
     "--disable-sync",
 )
 
+SIZES = [(1280, 800), (1920, 1080)]
+PLACES = ".cell, header, aside > *, footer"
+"""Of the live page: what no text may reach out of."""
+TRACED = """() => state.channels.filter((channel, place) => ["cycle", "trend"].every(plot =>
+    cells[place].cell.dataset[plot] === Object.keys(channel.traces).join(" "))).length"""
+"""Of the live page: channels with both plots of all that they have."""
+
 needs_chromium = pytest.mark.skipif(not CHROMIUM.exists(), reason="Debian's chromium is not installed")
 
 _TEXTS = """places => {

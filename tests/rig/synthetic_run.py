@@ -86,14 +86,17 @@ def write_log(
     origins: Iterable[Origin] = ("measured", "predicted"),
     scenario: str = SCENARIO,
     bench: Mapping[str, str] = MappingProxyType({}),
+    metadata: Mapping[str, dict[str, str]] = MappingProxyType({}),
 ) -> Path:
-    """Write the run as a log, with what `bench` adds to its record `run`."""
+    """Write the run as a log, with what `bench` adds to its record `run`, and more records."""
     with LogWriter(path) as log:
         for origin in origins:
             for channel in channels:
                 log.declare(origin, channel)
         log.add_metadata("scenario", {"toml": scenario})
         log.add_metadata("run", {"id": "run-7", "started": "2026-09-21T14:13:20Z", **bench})
+        for name, record in metadata.items():
+            log.add_metadata(name, record)
         log.add_event(Event(START_NS, "info", "sequencer", "recording", "recording started"))
         for origin in origins:
             for block in blocks(channels, origin, seconds):

@@ -25,8 +25,7 @@ def events(run: RunRecord) -> list[Part]:
     if run.events:
         rows = [
             [
-                _clock(event.time_ns),
-                DASH if run.begins_ns is None else f"{(event.time_ns - run.begins_ns) / NS_PER_S:.3f}",
+                *_times(run, event.time_ns),
                 event.level,
                 event.source,
                 event.code,
@@ -34,17 +33,17 @@ def events(run: RunRecord) -> list[Part]:
             ]
             for event in sorted(run.events, key=lambda event: event.time_ns)
         ]
-        parts = _ledger("events", ("time (UTC)", "s of the record", "level", "source", "code", "text"), rows)
+        parts = _ledger("events", (*_TIMES, "level", "source", "code", "text"), rows)
     if not run.gaps:
         none = "No gaps: every sample between the first and the last of each channel is there."
         return [*parts, Sentence(none)]
     rows = [
-        [gap.channel, _clock(gap.time_ns), str(gap.first_sample), str(gap.count), gap.cause]
+        [gap.channel, *_times(run, gap.time_ns), str(gap.first_sample), str(gap.count), gap.cause]
         for gap in run.gaps
     ]
     return [
         *parts,
-        *_ledger("gaps", ("channel", "time (UTC)", "first missing sample", "samples", "cause"), rows),
+        *_ledger("gaps", ("channel", *_TIMES, "first missing sample", "samples", "cause"), rows),
     ]
 
 
@@ -93,6 +92,15 @@ def _ledger(what: str, headings: Sequence[str], rows: list[list[str]]) -> list[P
     if len(rows) > _MOST_ROWS:
         parts.append(Sentence(f"The first {_MOST_ROWS} of {len(rows)} {what}."))
     return parts
+
+
+_TIMES = "time (UTC)", "s of the record"
+
+
+def _times(run: RunRecord, time_ns: int) -> tuple[str, str]:
+    """What stands below these headings."""
+    begins_ns = run.begins_ns
+    return _clock(time_ns), DASH if begins_ns is None else f"{(time_ns - begins_ns) / NS_PER_S:.3f}"
 
 
 def _clock(time_ns: int) -> str:

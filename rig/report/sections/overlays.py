@@ -35,6 +35,10 @@ _FROM_REST = (
 _RUNNING = (
     "The drive was running before this run, so that no single wave of a twin has to meet the measured one."
 )
+_NO_CYCLE = (
+    "there is no mean of all cycles, and nobody knows whether the drive began in this run, so that its waves "
+    "may not be compared wave by wave."
+)
 _MEAN = "The mean of all cycles may be compared as it stands, and so may the distributions and spectra below."
 
 
@@ -86,7 +90,8 @@ class MeanCycle(NamedTuple):
 def mean_cycle(trace: Trace, cycle: Cycle) -> MeanCycle:
     """The mean of all cycles of a trace; empty without a finite sample."""
     finite = np.flatnonzero(np.isfinite(trace.values))
-    turns = finite * (cycle.frequency_hz / trace.sample_rate) + cycle.phase_rad / (2 * np.pi)
+    times = trace.begins_s + finite / trace.sample_rate
+    turns = times * cycle.frequency_hz + cycle.phase_rad / (2 * np.pi)
     count = max(1, min(_MEAN_POINTS, round(trace.sample_rate / cycle.frequency_hz)))
     place = np.minimum((turns % 1.0 * count).astype(np.int64), count - 1)
     seen = np.bincount(place, minlength=count)
@@ -147,11 +152,25 @@ def parts(run: RunRecord) -> list[Part]:
 def _remark(run: RunRecord, cycle: Cycle | None, impacts: _Window | None) -> list[Sentence]:
     if cycle is not None:
         return [Sentence(f"{_FROM_REST if cycle.from_rest else _RUNNING} {_MEAN}")]
-    if impacts is not None:
-        return []
-    stops = run.roles.stops
-    what = "impact" if stops and run.channels.keys() >= {*stops} else "contact forces"
-    return [Sentence(f"No {what} in this run: the left column shows its beginning.")]
+    told = [Sentence(f"{_why_no_cycle(run)}: {_NO_CYCLE}")]
+    if impacts is None:
+        stops = run.roles.stops
+        what = "impact" if stops and run.channels.keys() >= {*stops} else "contact forces"
+        told.append(Sentence(f"No {what} in this run: the left column shows its beginning."))
+    return told
+
+
+def _why_no_cycle(run: RunRecord) -> str:
+    """Why nobody can tell the drive's cycle."""
+    if "cycle_hz" in run.metadata.get("twin", {}):
+        return "What this log notes of its cycle cannot be read"
+    try:
+        channel = nominal_of(parse_scenario(run.scenario)).reference.channel
+    except ConfigurationError:
+        return "What was driven is not known, for the scenario in this log cannot be read"
+    if ("measured", channel) not in run.traces:
+        return f"The drive cannot be followed, for {channel or 'what shows it'} was not measured"
+    return f"The drive cannot be followed, for {channel} does not show it"
 
 
 def _first_impacts(run: RunRecord) -> _Window | None:
@@ -173,7 +192,7 @@ def _first_impacts(run: RunRecord) -> _Window | None:
 
 
 def _one_cycle(run: RunRecord, cycle: Cycle | None) -> _Window:
-    duration = max(len(trace.values) / trace.sample_rate for trace in run.traces.values())
+    duration = max(trace.end_s for trace in run.traces.values())
     cycle_s = run.facts.cycle_s
     if cycle_s is None:
         return _Window("the first second", 0.0, min(1.0, duration))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -50,9 +51,11 @@ IMPACTS = [
 ]
 
 
-def write_run(path: Path) -> Path:
-    """The log, by the project's own writer."""
+def write_run(path: Path, metadata: Mapping[str, dict[str, str]] = MappingProxyType({})) -> Path:
+    """The log, by the project's own writer, with more `metadata`."""
     with LogWriter(path) as log:
+        for name, record in metadata.items():
+            log.add_metadata(name, record)
         log.add_metadata("scenario", {"toml": SCENARIO})
         log.add_metadata("run", RUN)
         log.add_event(EVENT)

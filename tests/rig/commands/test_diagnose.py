@@ -255,8 +255,8 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_simulated
     (tmp_path / "file").write_text("mine")
     out = tmp_path / "file" / "out"
     answer = call("diagnose", run, "--out", out)
-    assert answer.code == FAILED
-    assert answer.err == f"rattle: cannot write to {out}: Not a directory\n"
+    assert answer.code == WRONG_USE
+    assert f"'--out': {tmp_path / 'file'} is a file; name a folder" in answer.err
 
 
 def test_effects_that_the_rig_does_not_have_are_wrong_use(call: Call, run: Path, tmp_path: Path) -> None:

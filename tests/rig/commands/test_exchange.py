@@ -16,9 +16,10 @@ from daq.log.reader import SURROGATE, LogReader
 from daq.log.records import Event, Impact
 from daq.log.recover import verify_log
 from daq.log.writer import LogWriter
+from rig.derived.settings import RECORD, RULE
 from tests.daq.formats.test_foreign_files import dataset, pyuff_file
 from tests.rig.commands.cli import Answer, Call
-from tests.rig.synthetic_run import SCENARIO, START_NS
+from tests.rig.synthetic_run import SCENARIO, START_NS, write_log
 
 FORCE = Channel("contact.force_upper", "N", "force", "contact", "piezo", "SN1", 41.7, "V")
 BASE = Channel("base.acceleration", "m/s2")
@@ -45,6 +46,7 @@ def run(tmp_path: Path) -> Path:
         log.add_metadata("scenario", {"toml": RUN})
         log.add_metadata("run", {"id": "run-7", "started": "2026-09-21T14:13:20Z"})
         log.add_event(Event(START_NS, "info", "sequencer", "recording", "recording started"))
+        log.add_metadata(RECORD, {"rule": RULE})
         log.add_impact(HIT, HIT.time_ns)
         for origin, channel, rate in (
             ("measured", FORCE, 51_200.0),
@@ -93,6 +95,17 @@ def test_a_log_comes_back_from_every_format(
         }
         assert back.events() == ([] if name == "uff" else log.events())
         assert back.impacts() == ([] if name == "uff" else [HIT])
+
+
+def test_impacts_that_a_log_has_not_counted_by_this_rule_are_exported_all_the_same(
+    call: Call, tmp_path: Path
+) -> None:
+    run = write_log(tmp_path / "run.mcap", 2.0, origins=["measured"])
+    asked = ("--channels", "contact.force_upper", "--from", "1 s", "--all-rates")
+    assert call("export", run, "--to", "csv", *asked).code == 0
+    found = pd.read_csv(tmp_path / "run.impacts.csv")
+    assert len(found) == 20
+    assert set(found["channel"]) == {"contact.force_upper"}
 
 
 @pytest.mark.parametrize("name", ["csv", "parquet"])

@@ -16,6 +16,7 @@ from rig.report.summary import closeness, half_cycle_statistics, overall
 from rig.session.overlay import overlay_run
 from tests.rig.commands.cli import Call
 from tests.rig.derived.test_live_and_replay import logged, replayed
+from tests.rig.session.fakes import silent_screen
 from tests.rig.synthetic_run import SCENARIO, write_log
 
 RUN = f'{SCENARIO}\n[acquisition]\nsample_rate = "51.2 kHz"\nduration = "2 s"\n'
@@ -62,6 +63,16 @@ def test_what_follows_from_both_comes_with_them_and_is_said(call: Call, tmp_path
     assert [line.split()[0] for line in told] == ["measured", "predicted"]
     assert "(80 half cycles)" in told[0]
     assert replayed(target) == logged(target)
+
+
+def test_how_much_is_predicted_goes_by_the_record_not_by_what_was_asked(tmp_path: Path) -> None:
+    """Of a run until Enter that is a day."""
+    asked = RUN.replace('"2 s"', '"86400 s"')
+    run = write_log(tmp_path / "run.mcap", 0.5, origins=["measured"], scenario=asked)
+    screen, told = silent_screen(), list[tuple[float, float]]()
+    screen.stages.append(lambda text, done, total, _: told.append((done, total)))
+    overlay_run(run, tmp_path / "overlay.mcap", screen=screen)
+    assert told[-1] == (pytest.approx(0.5), pytest.approx(0.5))
 
 
 @needs_samples

@@ -243,3 +243,10 @@ def test_the_log_says_which_effects_its_twin_had(call: Call, tmp_path: Path) -> 
     assert call("predict", scenario(tmp_path), "--effects", effects, "--out", tmp_path / "p.mcap").code == 0
     with LogReader(tmp_path / "p.mcap") as log:
         assert json.loads(log.metadata["twin"]["effects"]) == json.loads(effects.read_text())
+
+
+def test_a_file_that_is_there_is_refused_before_anything_is_read(call: Call, tmp_path: Path) -> None:
+    (tmp_path / "p.mcap").write_text("mine")
+    answer = call("predict", "not read.toml", "--out", tmp_path / "p.mcap")
+    assert answer.code == 1
+    assert "p.mcap is there already; remove it or name another, nothing was predicted" in answer.err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import socket
 from collections.abc import Iterator
@@ -9,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from daq.errors import RattleError
 from drivers.scpi.emulator.process import SourceSetup, start_function_generator
+from rig.session.run import RunRequest
 from tests.end_to_end.files import write_bench, write_scenario
 from tests.rig.commands.cli import Call
 
@@ -130,6 +133,30 @@ def test_a_run_that_nobody_can_end_is_refused(
     assert "--until-stopped: standard input is at its end" in answer.err
     assert "connecting" not in answer.out
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("asked", "open_ended"),
+    [((), True), (("--duration", "20 s"), False), (("--set", "acquisition.duration=20 s"), False)],
+)
+def test_until_stopped_lasts_as_long_as_a_person_says_at_most(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: tuple[str, ...], open_ended: bool
+) -> None:
+    wanted: list[RunRequest] = []
+
+    def refused(request: RunRequest, *_: object) -> Path:
+        wanted.append(request)
+        raise RattleError("not now")
+
+    monkeypatch.setattr("rig.session.run.run_scenario", refused)
+    reading, writing = os.pipe()
+    with open(reading) as there, open(writing, "w"):
+        monkeypatch.setattr("sys.stdin", there)
+        file = write_scenario(tmp_path / "s.toml")
+        assert call("run", file, "--until-stopped", *asked, "--out", tmp_path / "runs").code == 1
+    (request,) = wanted
+    assert request.open_ended == open_ended
+    assert (request.scenario.acquisition.duration == 20.0) != open_ended
 
 
 def test_every_fault_of_a_bench_is_listed_at_once(call: Call, tmp_path: Path) -> None:

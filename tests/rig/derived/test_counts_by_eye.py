@@ -5,35 +5,32 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks.impact_counts import (
+    BY_EYE,
+    CYCLES,
+    RATE,
+    SAME,
+    SCENARIOS,
+    as_samples,
+    derived,
+    shown,
+)
+from benchmarks.impact_counts import SAMPLES as FOREIGN
 from daq.log.reader import LogReader
 from rig.derived.derivation import Derivation
-from rig.files.scenario import parse_scenario
+from rig.files.scenario import load_scenario, parse_scenario
 from rig.stream import Block
 from tests.rig.derived.spatial_run import GUIDE, SOCKET, SPATIAL, spatial_blocks
 from tests.rig.session.fakes import Kept
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
 
-BY_EYE = {
-    "beam_healthy": {"contact.force_upper": 10, "contact.force_lower": 10},
-    "beam_base_flexibility": {"contact.force_upper": 10, "contact.force_lower": 10},
-    "crank_healthy": {
-        "crank_frame.acceleration_y": 19,
-        "crank_frame.acceleration_x": 19,
-        "piston_frame.acceleration_y": 17,
-    },
-    "crank_joint_friction": {
-        "crank_frame.acceleration_y": 10,
-        "crank_frame.acceleration_x": 10,
-        "piston_frame.acceleration_y": 10,
-    },
-}
-
 
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="no recordings of other programs beside here")
-@pytest.mark.parametrize("name", BY_EYE)
+@pytest.mark.parametrize("name", FOREIGN)
 def test_impacts_are_those_that_one_counts_by_eye(name: str) -> None:
     kept = Kept()
     with LogReader(SAMPLES / f"{name}.mcap") as log:
@@ -46,11 +43,30 @@ def test_impacts_are_those_that_one_counts_by_eye(name: str) -> None:
         derivation.finish()
     end = (1.0 + 10 / scenario.drive.cycle_hz) * rate
     counted = Counter(each.channel for each in kept.impacts if rate <= each.first_sample < end)
-    assert counted == {channel: pytest.approx(count, rel=0.1) for channel, count in BY_EYE[name].items()}
+    assert counted == {name: pytest.approx(eye, rel=0.1) for name, (eye, _) in BY_EYE[name].items()}
 
 
-def test_a_healthy_spatial_twin_is_struck_as_often_as_one_counts_by_eye() -> None:
-    """7.1 blows a revolution in the socket and 14.8 on a point of the guide, as on the emulated bench."""
+@pytest.mark.long
+def test_a_healthy_spatial_rig_is_struck_as_often_in_the_socket_as_one_counts_by_eye() -> None:
+    whose = "spatial crank, 230 rpm"
+    file, settings = SCENARIOS[whose]
+    asked = {**settings, "acquisition.sample_rate": f"{RATE:g} Hz"}
+    scenario = load_scenario(Path("scenarios") / f"{file}.toml", asked)
+    seconds = 1.0 + CYCLES / scenario.drive.cycle_hz
+    rig, _ = shown(scenario, 0, seconds + 0.1)
+    blocks = [Block("measured", each) for each in rig]
+    samples = as_samples(blocks)
+    found = derived(blocks, scenario, {"measured": tuple(samples)})
+    counted = found.counts("measured", RATE, seconds * RATE)
+    for name, (eye, rms) in BY_EYE[whose].items():
+        looked_at = samples[name][round(RATE) : round(seconds * RATE)].astype(np.float64)
+        if np.sqrt(np.mean(looked_at**2)) != pytest.approx(rms, rel=SAME):
+            pytest.skip("nobody has counted this motion: another processor's is another one")
+        assert counted[name] == pytest.approx(eye, rel=0.1)
+
+
+def test_the_rule_finds_as_many_blows_on_a_healthy_spatial_twin_as_on_the_emulated_bench() -> None:
+    """7.1 a revolution in the socket and 14.8 on a point of the guide, which nobody has counted by eye."""
     kept, blocks = Kept(), spatial_blocks()
     derivation = Derivation(kept, {"measured": tuple(blocks[0])}, parse_scenario(SPATIAL))
     for together in blocks:

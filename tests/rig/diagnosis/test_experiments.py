@@ -97,6 +97,11 @@ def test_a_further_run_is_long_enough_to_be_diagnosed() -> None:
     assert all(option.campaign.runs[0].cycles >= 5 for option in options(short, channels(short), RATE))
 
 
+def test_a_further_run_is_as_long_as_the_record_was_where_that_ended_before_it_was_asked_to() -> None:
+    first, *_ = options(BEAM.replace('"5 s"', '"86400 s"'), channels(BEAM), RATE, recorded_s=12.004)
+    assert parse_scenario(first.scenario).acquisition.duration == 12.0
+
+
 @pytest.mark.parametrize("kind", RIGS.values(), ids=list(RIGS))
 def test_variations_name_keys_of_the_rig_s_scenario(kind: Any) -> None:
     assert all(factor > 0 and factor != 1 for change in kind.variations for factor in change.values())

@@ -6,6 +6,7 @@ import resource
 import subprocess
 import sys
 from base64 import b64decode
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.reader import LogReader
 from daq.log.writer import LogWriter
+from rig.derived.settings import RECORD, RULE
+from rig.report.record import read_run
 from tests.daq.formats import runs
 from tests.daq.log.logs import write_ramp
 from tests.rig.synthetic_run import START_NS, write_log
@@ -24,7 +27,7 @@ from tests.rig.synthetic_run import START_NS, write_log
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """Three rates, a gap, a prediction, impacts, an event."""
-    return runs.write_run(tmp_path / "run.mcap")
+    return runs.write_run(tmp_path / "run.mcap", {RECORD: {"rule": RULE}})
 
 
 def test_the_public_names_are_these() -> None:
@@ -151,6 +154,17 @@ def test_events_and_impacts_are_tables_also_where_there_are_none(path: Path, tmp
     none = rattle.open(tmp_path / "empty.mcap").impacts.to_pandas()
     assert len(none) == 0
     assert "peak" in none
+
+
+@pytest.mark.parametrize("said", [{}, {RECORD: {"rule": "1"}}], ids=["foreign", "older rule"])
+def test_impacts_go_by_the_rule_of_this_version_whatever_the_log_counted(
+    tmp_path: Path, said: dict[str, dict[str, str]]
+) -> None:
+    """Those of a log that has none, and of one that has some by an earlier rule, are those of its report."""
+    path = write_log(tmp_path / "run.mcap", 2.0, metadata=said)
+    impacts = rattle.open(path).impacts
+    assert Counter(each.origin for each in impacts) == {"measured": 80, "predicted": 80}
+    assert list(impacts) == read_run(path).impacts
 
 
 def test_a_channel_that_is_not_there_is_told_with_what_is_meant(path: Path) -> None:

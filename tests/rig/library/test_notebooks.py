@@ -61,7 +61,6 @@ def test_there_are_the_four_that_the_page_names() -> None:
         compile(script(path), path.name, "exec")
 
 
-@pytest.mark.long
 def test_an_effect_on_a_prediction(tmp_path: Path) -> None:
     assert "% apart from" in executed(ROOT / "docs" / "notebooks" / "effect.ipynb", tmp_path, 100)
 

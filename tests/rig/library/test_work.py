@@ -22,6 +22,9 @@ from rig.stream import Block
 from tests.daq.log.logs import block
 from tests.end_to_end.files import write_scenario
 from tests.rig.commands.cli import Call, caller
+from tests.rig.session.test_stops import InTurn, in_turn
+
+__all__ = ["in_turn"]
 
 EVENT = Event(0, "info", "rig", "drive.on", "9 N")
 GAIN = {"name": "sensor_gain", "parameters": {"channel": "yoke.force", "gain": 1.5}}
@@ -79,10 +82,18 @@ def test_what_is_wrong_is_told_as_the_command_does(
         rattle.diagnose([])
 
 
-def test_a_run_tries_its_folder_before_anything_is_read(tmp_path: Path) -> None:
+def test_where_it_goes_is_tried_before_anything_is_read(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("mine")
-    with pytest.raises(rattle.RattleError, match=r"runs is a file; name a folder"):
-        rattle.run("not read.toml", out=tmp_path / "runs" / "deeper")
+    for work, unread in ((rattle.run, "not read.toml"), (rattle.diagnose, "not read.mcap")):
+        with pytest.raises(rattle.RattleError, match=r"runs is a file; name a folder"):
+            work(unread, out=tmp_path / "runs" / "deeper")
+    for out, words in (
+        (tmp_path / "runs", "runs is there already; remove it or name another, nothing was predicted"),
+        (tmp_path / "no" / "twin.mcap", "no: no such folder; nothing was predicted"),
+        (Path("/proc/self/twin.mcap"), "cannot write to /proc/self"),
+    ):
+        with pytest.raises(rattle.RattleError, match=words):
+            rattle.predict("not read.toml", out=out)
 
 
 def test_who_is_called_back_holds_nothing_up_and_hears_all(recwarn: pytest.WarningsRecorder) -> None:
@@ -143,6 +154,28 @@ def test_a_callback_that_raises_is_not_called_again_and_the_run_goes_on() -> Non
     with pytest.warns(RuntimeWarning, match="a callback raised ValueError: no; it was not called again"):
         told(Callbacks(on_event=raising), begun, int, 3)
     assert calls == [EVENT]
+
+
+def test_a_run_gives_its_log_and_calls_back(in_turn: InTurn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a rig that is made up, so that it takes no time; the script below is on the emulated bench."""
+    rig, seen = in_turn.rig, list[str]()
+    monkeypatch.setattr(library_run, "connect", in_turn.connect)
+    scenario = rig.folder / "s.toml"
+    scenario.write_text(rig.scenario.text)
+    log = rattle.run(
+        scenario,
+        out=rig.folder / "runs",
+        settings={"acquisition.settle": "0 s"},
+        on_block=lambda origin, block: seen.append(f"{origin} {block.channel}"),
+        until=lambda: len(seen) > 20,
+        quiet=True,
+    )
+    assert log.path.parent == rig.folder / "runs"
+    assert log.complete
+    assert f"measured {next(iter(log.measured))}" in seen
+    assert 0.1 < len(log["drive.force"]) / log["drive.force"].sample_rate < 20.0
+    assert "record.end" in [event.code for event in log.events]
+    assert rig.told()[-1] == "close"
 
 
 @pytest.mark.long

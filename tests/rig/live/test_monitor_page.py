@@ -19,8 +19,7 @@ from drivers.protocols.card import CardReading
 from rig.live.page_server import PageServer
 from rig.session.at_rest import Sensors
 from rig.session.on_rest_page import rest_state
-from tests.rig.browser import browser_page, faults_of_texts, needs_chromium
-from tests.rig.live.test_page import SIZES
+from tests.rig.browser import SIZES, browser_page, faults_of_texts, needs_chromium
 
 pytestmark = [pytest.mark.browser, needs_chromium]
 RATE, BLOCK = 6400.0, 480
@@ -28,7 +27,7 @@ RUN = {
     "title": "a run",
     "stage": {"text": "connecting", "done": 0, "total": 0, "unit": "s"},
     "ended": False,
-    "newest": 0,
+    "newest": [None, None],
     "cycle_s": None,
     "bin_s": 0.25,
     "trend_s": [0, 4],

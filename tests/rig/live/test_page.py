@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
+from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.records import Event
 from rig.derived.derivation import Derivation, derived_channels
@@ -25,12 +28,11 @@ from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture
 from rig.live.view import Elsewhere, Levels, Progress, Swept
 from rig.stream import Block, Shape, Stream
 from tests.rig import synthetic_run
-from tests.rig.browser import browser_page, faults_of_texts, needs_chromium
+from tests.rig.browser import PLACES, SIZES, TRACED, browser_page, faults_of_texts, needs_chromium
 from tests.rig.derived import turning
+from tests.rig.synthetic_run import CHANNELS, blocks
 
 pytestmark = [pytest.mark.browser, needs_chromium]
-PLACES = ".cell, header, aside > *, footer"
-SIZES = [(1280, 800), (1920, 1080)]
 COUNTS = [5, 16, 64]
 BEAM = BeamPicture(length_m=0.28, width_m=0.019, clearance_m=0.127e-3)
 CRANK_SPEED = 2 * np.pi * turning.SPEED_HZ
@@ -56,13 +58,16 @@ CRANK_SCENARIO = f'[drive]\nspeed = "200 rpm"\n{ACQUISITION}'
 DRAWN = """colours => [...document.querySelectorAll(".cell")].map(cell => {
   const canvas = cell.querySelector("canvas"), { width, height } = canvas;
   const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
-  return [cell.querySelector("b").textContent, colours.map(colour => {
-    let count = 0;
+  const between = width * (canvas.clientWidth - GAP / 2) * 0.55 / canvas.clientWidth;
+  return [cell.querySelector("b").textContent, colours.flatMap(colour => {
+    const counts = [0, 0];
     for (let at = 0; at < data.length; at += 4)
-      if (data[at + 3] > 100 && colour.every((each, part) => Math.abs(data[at + part] - each) < 30)) count++;
-    return count;
+      if (data[at + 3] > 100 && colour.every((each, part) => Math.abs(data[at + part] - each) < 30))
+        counts[+((at / 4) % width > between)]++;
+    return counts;
   })];
 })"""
+"""Pixels of each colour in the newest cycle and in the trend."""
 Tell = Callable[[PageState], None]
 
 
@@ -138,6 +143,7 @@ def assert_every_trace_is_drawn(page: Page, told: dict[str, Any]) -> None:
     drawn = dict(page.evaluate(DRAWN, colours))
     assert set(drawn) == {channel["name"] for channel in told["channels"]}
     assert not {name: counts for name, counts in drawn.items() if min(counts) < 15}
+    assert page.evaluate(TRACED) == len(drawn)
 
 
 @pytest.fixture
@@ -170,6 +176,11 @@ def test_every_channel_has_its_traces_and_no_text_is_cut(
             page.locator("#worst").inner_text().startswith("highest level so far: contact.force_upper, 80 %")
         )
         assert page.locator("#left").inner_text() == "3.0 s left"
+        scale = page.locator(".cell").nth(1).locator(".scale, .edge").filter(visible=True)
+        assert re.findall(r"-?\d+", "".join(scale.all_inner_texts())) in (["-5", "45"], ["45", "-5"])
+        assert (
+            page.evaluate("() => parseFloat(getComputedStyle(document.querySelector('.head')).fontSize)") > 9
+        )
 
 
 @pytest.mark.long
@@ -218,3 +229,66 @@ def test_before_the_run_it_says_armed_and_shows_levels(
         assert page.locator("#news").is_hidden()  # nothing has happened: no empty box
         assert "bar:" in page.locator("footer").inner_text()
         assert faults_of_texts(page, PLACES) == []
+
+
+def test_a_page_that_waits_is_answered_and_one_whose_run_or_server_is_gone_says_so(
+    server: PageServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.live.page_server._HELD_S", 0.05)
+    with browser_page() as page:
+        page.clock.install()
+        page.goto(server.url)
+
+        def lost_after(seconds: int) -> str:
+            """What the page says then, once the server has had its chance to answer."""
+            page.clock.fast_forward(1000 * seconds)
+            page.wait_for_timeout(300)
+            page.clock.run_for(200)
+            return page.locator("#lost").inner_text()
+
+        shown(page, server, lambda state: state.take(Progress("recording", 12.0)))
+        assert (
+            page.locator("#stage").inner_text() == "recording: 12 s"
+        )  # until Enter: nobody knows of how many
+        assert lost_after(40).startswith("no word from the run for 4")
+        shown(page, server, lambda state: state.end())
+        assert lost_after(60) == ""
+        monkeypatch.setattr("rig.live.page_server._HELD_S", 600.0)
+        page.wait_for_timeout(300)  # what was asked before is still answered
+        assert lost_after(60) == "the page's server does not answer: rattle live"
+
+
+def test_what_is_not_drawn_yet_is_not_said_to_be(server: PageServer) -> None:
+    def begun(state: PageState, seconds: float) -> None:
+        state.take(layout_of("steel beam", CHANNELS, CHANNELS, BEAM, cycle_s=0.05))
+        for origin in ("measured", "predicted"):
+            for first in blocks(CHANNELS, origin, seconds):
+                state.take(Block(origin, first))
+
+    both = "measured predicted"
+    with browser_page() as page:
+        page.goto(server.url)
+        for seconds, drawn in ((0.0, ("", "")), (0.03, ("", both)), (0.2, (both, both))):
+            shown(page, server, partial(begun, seconds=seconds))
+            cell = page.locator(".cell").first
+            assert (cell.get_attribute("data-cycle"), cell.get_attribute("data-trend")) == drawn
+            edges = page.locator(".cell .edge.high").first.inner_text()
+            assert bool(edges) == (seconds > 0)
+
+
+def test_the_page_says_how_far_the_newest_that_is_drawn_lies_behind(server: PageServer) -> None:
+    def late(state: PageState) -> None:
+        state.take(layout_of("steel beam", CHANNELS, CHANNELS, BEAM, cycle_s=0.05))
+        for origin, ago_s in (("measured", 0.5), ("predicted", 20.0)):
+            zeros, at_ns = np.zeros(5120, np.float32), time.time_ns() - round((ago_s + 0.1) * 1e9)
+            state.take(Block(origin, SampleBlock("drive.force", 0, at_ns, 51_200.0, zeros)))
+        state.take(Levels(time.time_ns(), [1.0] * len(CHANNELS)))
+
+    with browser_page() as page:
+        page.goto(server.url)
+        shown(page, server, late)
+        measured, prediction = re.findall(r"[\d.]+", page.locator("#behind").inner_text())
+        assert 0.5 <= float(measured) < 10.0
+        assert float(prediction) == pytest.approx(float(measured) + 19.5, abs=0.15)
+        _, measured_s, _, predicted_s = page.evaluate("() => looks.at(-1)")
+        assert predicted_s - measured_s == pytest.approx(19.5, abs=0.05)

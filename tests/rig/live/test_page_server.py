@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import os
 import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -76,14 +77,25 @@ def test_a_run_that_began_later_is_shown_and_an_earlier_one_once_that_is_silent(
     assert server.tell(b"first again", 1.0)
 
 
-def test_a_browser_that_goes_away_is_not_noticed(server: PageServer) -> None:
+@pytest.mark.parametrize("when", ["before it has asked", "while it waits", "in the middle of an answer"])
+def test_a_browser_that_goes_away_is_not_noticed(
+    server: PageServer, when: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    asks = f"GET /state?after={{}} HTTP/1.1\r\nHost: {HOST}:{server.port}\r\n"
+    server.tell(b"0" * 30_000_000, 1.0)  # more than any socket holds
+    number, _ = server.after(0) or (0, b"")
     for _ in range(3):
         with socket.create_connection((HOST, server.port)) as browser:
-            browser.sendall(b"GET /state?after=0 HTTP/1.1\r\nHost: x\r\n")
+            asked = 0 if when == "in the middle of an answer" else number
+            browser.sendall(asks.format(asked).encode() + b"\r\n" * (when != "before it has asked"))
+            if asked == 0:
+                assert browser.recv(100).startswith(b"HTTP/1.1 200")
+            browser.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset
     teller = Teller(server.port)
-    teller(b"on")
+    teller(b"on")  # and who waits is answered now
     assert await_state(server, b"on")
     teller.close(1.0)
+    assert capfd.readouterr().err == ""
 
 
 def test_who_tells_a_page_that_is_not_there_never_waits_and_goes_on_when_it_is() -> None:

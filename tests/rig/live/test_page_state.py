@@ -12,7 +12,7 @@ import pytest
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
-from daq.log.records import Impact
+from daq.log.records import RECORD_END, Event, Impact
 from rig.live.page_process import records
 from rig.live.page_state import PERIOD_S, PageState
 from rig.live.picture import Bounds, layout_of
@@ -132,7 +132,18 @@ def test_levels_are_shown_before_anything_is_recorded_and_the_highest_stays(told
     (channel,) = state["channels"]
     assert (channel["level"], channel["most"], channel["peak"]) == (4.0, 60.0, "4 N")
     assert channel["bounds"] == [100.0, 40.0, None]
-    assert state["newest"] == START_NS / NS_PER_S + 2
+    assert state["newest"] == [START_NS / NS_PER_S + 2, None]
+
+
+def test_what_is_newest_is_what_is_drawn_not_what_else_is_heard(told: Told) -> None:
+    """Levels go on though no block comes any more; once the record is over nothing is behind."""
+    for origin, count in (("measured", 2000), ("predicted", 1000)):
+        told.state.take(Block(origin, block(np.ones(count))))  # type: ignore[arg-type]
+    told.state.take(Levels(START_NS + 9 * NS_PER_S, [4.0]))
+    start_s = START_NS / NS_PER_S
+    assert told.newest()["newest"] == pytest.approx([start_s + 0.2, start_s + 0.1], abs=1e-6)
+    told.state.take(Event(START_NS, "info", "rig", RECORD_END, "recorded"))
+    assert told.newest()["newest"] == [None, None]
 
 
 def test_an_angle_is_shown_as_part_of_a_turn_without_a_level_and_turns_the_crank() -> None:
@@ -228,3 +239,19 @@ def test_a_run_that_is_killed_is_said_to_have_gone() -> None:
     assert [frame for _, frame in records(ours, told.state)] == [Progress("recording")]
     ours.close()
     assert told.newest()["stage"]["text"] == "the run has gone without a word"
+
+
+def test_the_next_run_of_a_sweep_is_shown_anew(told: Told) -> None:
+    """Its cycles begin where its own record does, and what happened before is not its."""
+    told.state.take(Block("measured", block(np.full(2000, 7.0))))
+    told.state.take(Event(START_NS, "warning", "rig", "limit.warning", "of the first"))
+    told.state.take(layout_of("next", [FORCE], [FORCE], cycle_s=CYCLE_S))
+    assert told.newest()["events"] == []
+    assert told.newest()["channels"][0]["traces"] == {"measured": [None] * 3, "predicted": [None] * 3}
+    late_ns = START_NS + 3 * NS_PER_S
+    hit = np.arange(1000) / RATE % CYCLE_S > 0.6 * CYCLE_S
+    told.state.take(Block("measured", SampleBlock(FORCE.name, 0, late_ns, RATE, hit.astype(np.float32))))
+    peaks = SampleBlock(f"{FORCE.name}.cycle_peak", 0, late_ns, 1 / CYCLE_S, np.ones(2, np.float32))
+    told.state.take(Block("derived", peaks))
+    _, most = in_units(told.newest(), 0)
+    assert np.flatnonzero(most > 0.5)[0] == pytest.approx(0.6 * len(most), abs=1)

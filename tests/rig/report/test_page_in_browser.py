@@ -8,8 +8,8 @@ import pytest
 from daq.channel import Channel
 from rig.report.page import write_report
 from rig.report.record import read_run
-from tests.rig.browser import browser_page, faults_of_texts, needs_chromium
-from tests.rig.live.test_page import COUNTS, SIZES, beam_channels
+from tests.rig.browser import SIZES, browser_page, faults_of_texts, needs_chromium
+from tests.rig.live.test_page import COUNTS, beam_channels
 from tests.rig.synthetic_run import CHANNELS, RATE, write_log
 
 pytestmark = [pytest.mark.browser, needs_chromium]

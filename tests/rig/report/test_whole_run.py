@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import base64
+import re
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
 from daq.channel import Channel
-from daq.log.records import Event
+from daq.log.records import Event, Gap
 from rig.commands.logs import show
 from rig.pages.content import BigNumbers, Figure, Lead, Sentence, Table
 from rig.pages.words import number, spread
@@ -64,12 +67,106 @@ def test_events_and_limits_are_marked_where_they_lie(run: RunRecord) -> None:
     told, figure = drawn(replace(run, events=[event]))
     marks = [each for each in figure.traces if each["name"] == "event"]
     assert len(marks) == len(run.channels)
-    assert values(marks[0], "x") == pytest.approx([1.25, 1.25])
-    assert marks[0]["text"] == ["limit.warning: too much"] * 2
+    assert values(marks[0], "x") == pytest.approx([1.25, 1.25, np.nan], nan_ok=True)
+    assert marks[0]["text"] == ["limit.warning: too much"] * 2 + [""]
     # 60 N and -60 N about peaks of 40 N; 400 N would leave nothing else to be seen
     limits = [float(values(each)[0]) for each in figure.traces if each["name"] == "limit"]
     assert limits == [60.0, -60.0]
     assert told == ["Limits of this run: contact.force_upper 60 N, contact.force_upper 400 N."]
+
+
+@pytest.mark.parametrize("more", [0, 59])
+def test_of_more_events_than_a_page_can_mark_the_worst_are_marked_and_the_rest_told(
+    run: RunRecord, more: int
+) -> None:
+    """Of 64 channels, say; one line each, whatever the number of events."""
+    channels = {**run.channels, **{f"extra_{at}": run.channels["yoke.force"] for at in range(more)}}
+    traces = {("measured", name): run.traces["measured", "yoke.force"] for name in channels}
+    codes = ["warning" if at == 2000 else "info" for at in range(3000)]
+    events = [Event(START_NS + (at + 1) * 500_000, code, "rig", "x.y", code) for at, code in enumerate(codes)]
+    tallies = dict.fromkeys(traces, run.tallies["measured", "yoke.force"])
+    told, figure = drawn(replace(run, channels=channels, traces=traces, tallies=tallies, events=events))
+    marks = [each for each in figure.traces if each["name"] == "event"]
+    assert len(marks) == len(channels)
+    (said,) = (each for each in told if "events" in each)
+    marked = len(values(marks[0], "x")) // 3
+    assert said.startswith(f"Marked are {marked} of 3000 events, the worst first")
+    assert 10 < marked <= 500
+    assert len(marks) * marked <= 5 * 500
+    assert "x.y: warning" in marks[0]["text"]
+
+
+def test_a_zoom_says_what_it_cannot_resolve(run: RunRecord) -> None:
+    _, figure = drawn(run)
+    most = max(len(values(each)) for each in figure.traces if each["name"] == "measured")
+    (stretch_ms,) = re.findall(r"in stretches of ([\d.]+) ms", figure.caption)
+    assert float(stretch_ms) == pytest.approx(1e3 * 2.0 / (most / 2), rel=0.1)
+    few = {key: replace(trace, values=trace.values[:1000]) for key, trace in run.traces.items()}
+    _, figure = drawn(replace(run, traces=few))
+    assert "every sample" in figure.caption
+
+
+@pytest.mark.parametrize("unit", ["m/s2", "rad/s"])
+def test_what_an_instrument_beside_the_card_measured_is_drawn_where_it_lies_in_time(
+    run: RunRecord, unit: str
+) -> None:
+    name, key = "base.acceleration", ("measured", "base.acceleration")
+    late = replace(run.traces[key], begins_s=0.25)
+    beside = replace(
+        run, channels={**run.channels, name: Channel(name, unit)}, traces={**run.traces, key: late}
+    )
+    for section in (whole_run, overlays):
+        lines = {
+            whose: next(
+                each
+                for each in drawn_by(section, whole)
+                if (each.get("meta"), each["name"]) == (name, "measured")
+            )
+            for whose, whole in (("late", beside), ("plain", run))
+        }
+        if section is whole_run:
+            assert values(lines["late"], "x")[0] == pytest.approx(0.25, abs=2e-3)
+        else:  # another stretch of it lies below the same time
+            assert values(lines["late"], "x") == pytest.approx(values(lines["plain"], "x"), abs=0.03)
+            assert not np.allclose(values(lines["late"]), values(lines["plain"]))
+
+
+def drawn_by(section: ModuleType, run: RunRecord) -> list[dict[str, Any]]:
+    *_, figure = section.parts(run)
+    assert isinstance(figure, Figure)
+    return figure.traces
+
+
+def test_gaps_are_told_in_seconds_of_the_record_like_events(run: RunRecord) -> None:
+    gap = Gap(START_NS + 1_250_000_000, "measured", "yoke.force", 64_000, 10, "card")
+    *_, table = log_sections.events(replace(run, gaps=[gap]))
+    assert isinstance(table, Table)
+    assert dict(zip(table.headings, table.rows[0], strict=True))["s of the record"] == "1.250"
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"scenario": "no toml ["}, "the scenario in this log cannot be read"),
+        ({"traces": ()}, "drive.force was not measured"),
+        ({"traces": ("drive.force",)}, "drive.force does not show it"),
+    ],
+)
+def test_first_impacts_of_a_run_whose_drive_cannot_be_followed_come_with_a_word_why(
+    run: RunRecord, changed: dict[str, Any], why: str
+) -> None:
+    if "traces" in changed:
+        still = {
+            key: replace(trace, values=0 * trace.values)
+            for key, trace in run.traces.items()
+            if key[1] in changed["traces"]
+        }
+        kept = {key: trace for key, trace in run.traces.items() if key[1] != "drive.force"}
+        changed = {"traces": kept | still}
+    told, *_ = overlays.parts(replace(run, **changed))
+    assert isinstance(told, Sentence)
+    assert why in told.text
+    assert "may not be compared wave by wave" in told.text
 
 
 def test_events_are_told_in_seconds_of_the_record_too(run: RunRecord) -> None:

@@ -123,6 +123,7 @@ def test_a_count_is_told_by_quarters_and_seconds_are_not() -> None:
     assert said(3000, "rigs", 1) == ["simulating (3000 rigs) ...", "simulating 75 %"]
     assert said(0, "rigs", 1)[0] == "simulating (0 rigs) ..."
     assert said(60, "s", 7) == ["simulating (60 s) ..."]
+    assert said(0, "s", 7) == ["simulating ..."]
 
 
 def test_whether_enter_was_pressed_is_told_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -280,3 +281,12 @@ def test_a_terminal_shows_how_long_is_left_and_what_else_there_is(counted: bool)
     shown = out.getvalue()
     assert "1 min 0 s left" in shown
     assert ("contact.force_upper up to 43 % of its range" in shown) == counted
+
+
+def test_of_what_ends_when_a_person_says_so_a_terminal_shows_how_long_it_has_gone_on() -> None:
+    screen, _, clock, out = timed(None, terminal=True)
+    with screen.bar("recording", 0.0) as bar:
+        for clock.now_s in (1.0, 30.0, 75.0):
+            bar(clock.now_s)
+    assert "1 min 15 s so far" in out.getvalue()
+    assert "left" not in out.getvalue()

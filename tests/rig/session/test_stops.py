@@ -6,7 +6,8 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,6 +22,7 @@ from daq.log.reader import LogReader
 from rig.derived import derivation
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Scenario, edited, parse_scenario
+from rig.live.picture import Layout
 from rig.session import driven_rig, twin_feed
 from rig.session.centring import plan_of
 from rig.session.centring_run import find_centre
@@ -34,6 +36,7 @@ from rig.session.signals import Stopped
 from rig.session.supervisor import SupervisorTripped
 from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.shafts import FakeDrive, SteppedClock
+from tests.rig.session.test_progress import Known
 
 LIMITED = "contact.force_upper", "crank_frame.acceleration_y"
 BEAM = """\
@@ -288,21 +291,26 @@ class InTurn:
     def __init__(self, rig: Rig) -> None:
         self.rig, self.opened = rig, 0
         self.before: dict[float, Callable[[], None]] = {}
+        self.live, self.said = False, ""
 
     def connect(self, *_: object) -> tuple[Devices, dict[str, str]]:
         self.opened += 1
         return self.rig.connect()
 
     def __call__(self, *hertz: float) -> None:
+        screen = silent_screen()
         with Standing(self.connect) as standing:
             for each in hertz:
                 self.before.get(each, lambda: None)()
                 short = {"acquisition.duration": "0.3 s", "acquisition.settle": "0 s"}
                 scenario = edited(self.rig.scenario, {"drive.frequency": f"{each} Hz", **short}, "in turn")
                 rig = self.rig
-                request = RunRequest(scenario, rig.bench, self.connect, rig.folder, standing=standing)
-                run_scenario(request, silent_screen(), SystemClock())
+                request = RunRequest(
+                    scenario, rig.bench, self.connect, rig.folder, self.live, standing=standing
+                )
+                run_scenario(request, screen, SystemClock())
                 assert self.rig.told()[-1] == "off"
+        self.said = screen.console.export_text()
 
     @property
     def armed_hz(self) -> list[object]:
@@ -377,3 +385,65 @@ def test_a_drive_that_does_not_go_off_between_two_runs_ends_them(
         in_turn(20.0, 21.0)
     assert in_turn.armed_hz == [20.0]
     assert in_turn.rig.told()[-1] == "close"
+
+
+def test_a_record_that_ended_early_is_told_and_timed_by_what_was_recorded(in_turn: InTurn) -> None:
+    """Until Enter, say: nobody knows how long, and what the disk has room for says nothing."""
+    rig, stages = in_turn.rig, list[tuple[str, float, float]]()
+    screen, paces = silent_screen(), Known(None)
+    screen.paces = paces
+    screen.stages.append(lambda text, done, total, _: stages.append((text, done, total)))
+    long = {"acquisition.duration": "20 h", "acquisition.settle": "0 s"}
+    request = RunRequest(edited(rig.scenario, long, "long"), rig.bench, rig.connect, rig.folder)
+    run_scenario(replace(request, enough=lambda: len(stages) > 5, open_ended=True), screen, SystemClock())
+    told = [each for each in stages if each[0] == "recording"]
+    assert {total for _, _, total in told} == {0.0}
+    assert 0.0 < told[-1][1] < 30.0
+    (finish,) = (work for work, _ in paces.kept if work.kind.startswith("finish"))
+    assert 0.0 < finish.units < 30.0
+
+
+class FakeView:
+    """What would show runs; notes which layouts, and how often its addresses were asked for."""
+
+    def __init__(self) -> None:
+        self.url = self.page_url = ""
+        self.dropped, self.opened = 0, 0
+        self.shown: list[str] = []
+
+    def show(self, layout: Layout) -> None:
+        self.shown.append(layout.title)
+
+    def open(self) -> None:
+        self.opened += 1
+        self.url = "http://127.0.0.1:1/"
+
+    def offer(self, record: object) -> None:
+        self.dropped += 1
+
+
+def test_one_view_shows_all_runs_on_what_stands_and_outlasts_what_is_set_by_hand(
+    in_turn: InTurn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view, told = FakeView(), list[str]()
+
+    @contextmanager
+    def page(_: Screen) -> Iterator[FakeView]:
+        told.append("up")
+        yield view
+        told.append(f"down after {len(view.shown)}")
+
+    monkeypatch.setattr("rig.session.devices.on_page", page)
+    in_turn.live = True
+    in_turn(20.0, 21.0)
+    assert told == ["up", "down after 2"]
+    assert view.opened == in_turn.said.count("time line ") == 1
+    for log in in_turn.rig.folder.glob("*.mcap"):
+        with LogReader(log) as reader:
+            (dropped,) = (event.text for event in reader.events() if event.code == "view.dropped")
+            assert 0 < int(dropped.split()[0]) < view.dropped  # its own alone
+    standing = Standing(in_turn.connect)
+    with standing:
+        standing.view(silent_screen())
+        standing.close()
+        assert told[2:] == ["up"]
