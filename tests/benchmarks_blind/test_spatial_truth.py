@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from math import pi
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmarks.blind.crank.rig import Ripple
+from benchmarks.blind.spatial import engine
+from benchmarks.blind.spatial.mechanism import Motion, moved, numbers, started, state
+from benchmarks.blind.spatial.rig import Base, Contact, Friction, Spatial
+from benchmarks.blind.spatial.rod import Rod, bending
+from benchmarks.blind.spatial.vectors import rotation
+from sim_twin.mechanisms.run import CONTACT, ONSET, PEAK
+from sim_twin.rigs.crank_drive import SpeedDrive
+from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
+from sim_twin.rigs.spatial_slider_crank.motion import simulation
+
+Array = NDArray[np.float64]
+RPM = pi / 30
+NOMINAL = Spatial(230 * RPM)
+OBLIQUE = replace(NOMINAL, axis_angle=65 * pi / 180)
+STEP = 1 / 204_800
+SOCKET = engine.SOCKET
+PINNED_FREE = np.array([3.92660231, 7.06858275, 10.21017612])
+"""Roots of tan x = tanh x."""
+
+
+def first_onsets(motion: Motion) -> dict[int, float]:
+    return {int(i): float(motion.onsets[motion.onsets[:, 1] == i][0, 0]) for i in set(motion.onsets[:, 1])}
+
+
+@cache
+def from_rest(rate: int, rig: Spatial = NOMINAL, seconds: float = 0.018) -> Motion:
+    return moved(rig, 0.0, 1 / rate, round(seconds * rate))
+
+
+@pytest.mark.parametrize(("degrees", "stroke"), [(90, 0.100), (65, 0.0906)])
+def test_stroke_of_ideal_joints(degrees: float, stroke: float) -> None:
+    rig = replace(NOMINAL, axis_angle=np.radians(degrees))
+    places = [started(rig, angle).slider for angle in np.linspace(0, 2 * pi, 721)]
+    # the text gives three digits: 2 r sin(axis angle)
+    assert np.ptp(places) == pytest.approx(stroke, rel=5e-4)
+    assert np.ptp(places) == pytest.approx(0.1 * np.sin(np.radians(degrees)), rel=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.0, 4.4])
+def test_start_moves_as_it_is_placed(angle: float) -> None:
+    rig = replace(OBLIQUE, ripple=Ripple(0.05, 2.0, 0.3))
+    speed, ahead = rig.speed * (1 + 0.05 * np.sin(2 * angle + 0.3)), 1e-5
+    before, now, after = (started(rig, angle + shift) for shift in (-ahead, 0.0, ahead))
+    pace = speed / (2 * ahead)
+    # central differences of 1e-5 rad: 1e-10 of the second derivative, and rounding of 1e-11
+    assert now.slider_speed == pytest.approx((after.slider - before.slider) * pace, abs=1e-8)
+    assert now.rod_velocity == pytest.approx((after.rod - before.rod) * pace, abs=1e-8)
+    turned = 2 * pace * (after.turn - before.turn)
+    a, b = now.turn[0], now.turn[1:]
+    assert now.turning == pytest.approx(a * turned[1:] - turned[0] * b - np.cross(turned[1:], b), abs=1e-7)
+
+
+def test_rod_has_the_closed_frequencies() -> None:
+    rod = Rod()
+    closed = PINNED_FREE**2 * np.sqrt(rod.modulus * pi / 64 * rod.diameter**4 / (rod.mass * rod.length**3))
+    modes = bending(rod)
+    # 80 elements: 2e-7 in the third; eight digits of the roots
+    assert modes.omega == pytest.approx(closed, rel=1e-6)
+    assert closed / (2 * pi) == pytest.approx([560.3, 1815.7, 3788.2], abs=0.1)
+    assert modes.tip == pytest.approx(2 / np.sqrt(rod.mass) * np.ones(3), rel=1e-5)
+    # at rest in the frame of a turning rod: no bending mode takes part in a rotation about the pin
+    assert modes.swing == pytest.approx(rod.length / 2 * modes.sway, rel=1e-5)
+
+
+def test_first_peaks_converge_with_the_step() -> None:
+    coarse, fine, finest = (from_rest(rate) for rate in (102_400, 204_800, 819_200))
+    for contact in (SOCKET, 2, 6):
+        # a touch in the socket lasts 33 us, seven steps of 4.9 us: its top is met within 0.1 %
+        assert fine.first[contact] == pytest.approx(finest.first[contact], rel=2e-3)
+        assert first_onsets(fine)[contact] == pytest.approx(first_onsets(finest)[contact], abs=2e-7)
+    late = [abs(first_onsets(each)[2] - first_onsets(finest)[2]) for each in (coarse, fine)]
+    assert late[1] < late[0] / 4
+
+
+def test_flight_is_of_fourth_order() -> None:
+    ends = [moved(NOMINAL, 0.0, 3e-3 / count, count).end for count in (75, 150, 300)]
+    gaps = [np.abs(ends[i] - ends[i + 1]).max() for i in (0, 1)]
+    # 16 in the limit; with shorter steps rounding is what is left
+    assert gaps[0] / gaps[1] == pytest.approx(16, rel=0.2)
+
+
+def test_universal_joint_holds() -> None:
+    rig = replace(OBLIQUE, ripple=Ripple(0.03, 2.0, 0.0))
+    y = moved(rig, 1.0, STEP, round(0.1 / STEP)).end
+    slider, rod = (np.array(rotation(y, at)) for at in (engine.SLIDER_TURN, engine.ROD_TURN))
+    # 1e-4 of what the joints may move by, and as an angle of the same at the points
+    assert y[:3] == pytest.approx(y[7:10] + rod @ [rig.rod.length / 2, 0.0, 0.0], abs=2.5e-8)
+    assert slider[:, 1] @ rod[:, 2] == pytest.approx(0.0, abs=1e-6)
+
+
+def shapes(rod: Rod, at: Array) -> Array:
+    """Bending at distances `at` from the pin, by their closed form; shape (3, places)."""
+    x = np.outer(PINNED_FREE, at / rod.length)
+    ends = (np.sin(PINNED_FREE) / np.sinh(PINNED_FREE))[:, None]
+    return (np.sin(x) + ends * np.sinh(x)) / (np.sin(PINNED_FREE)[:, None] * np.sqrt(rod.mass))
+
+
+def energy(rig: Spatial, y: Array) -> float:
+    """J, by integration over the rod's mass; of an undamped rig."""
+    p, rod = numbers(rig), rig.rod
+    v, rest = engine.speeds_at(p), engine.rest_at(p)
+    nodes, weights = np.polynomial.legendre.leggauss(30)
+    phi = shapes(rod, rod.length / 2 * (1 + nodes))
+    place = np.array([-rod.length / 2 * nodes, y[14:17] @ phi, y[17:20] @ phi])
+    rate = np.array([0 * nodes, y[v + 12 : v + 15] @ phi, y[v + 15 : v + 18] @ phi])
+    Q, turning = np.array(rotation(y, engine.ROD_TURN)), y[v + 9 : v + 12]
+    velocity = y[v + 6 : v + 9, None] + Q @ (rate + np.cross(turning, place, axisb=0).T)
+    moving = rod.mass / 4 * np.sum(weights * np.sum(velocity**2, axis=0))
+    falling = -rod.mass / 2 * np.sum(weights * (p.gravity @ (y[7:10, None] + Q @ place)))
+    thick = rod.mass * rod.diameter**2 / 16
+    moving += 0.5 * thick * (2 * turning[0] ** 2 + turning[1] ** 2 + turning[2] ** 2)
+    moving += 0.5 * p.slider_mass * y[v : v + 3] @ y[v : v + 3]
+    moving += 0.5 * p.slider_inertia @ y[v + 3 : v + 6] ** 2
+    falling -= p.slider_mass * p.gravity @ y[:3]
+    elastic = 0.5 * np.sum((p.omega * y[14:20]) ** 2)
+    gaps = np.zeros(engine.CONTACTS)
+    engine.margins(p, y, gaps)
+    elastic += 0.5 * np.sum(p.contacts[:, 0] * np.maximum(gaps, 0) ** 2)
+    base, base_rate = y[rest + 1 : rest + 3], y[rest + 3 : rest + 5]
+    elastic += 0.5 * (p.base[1] * base @ base + p.base[0] * base_rate @ base_rate)
+    return float(moving + falling + elastic)
+
+
+@pytest.mark.parametrize("base", [None, Base(300.0, 2.0, 0.0)], ids=["rigid", "base"])
+def test_energy_is_the_motors_work_where_nothing_dissipates(base: Base | None) -> None:
+    rig = replace(
+        OBLIQUE,
+        rod=Rod(damping=(0.0,) * 6),
+        socket=Contact(2.8e7, 0.0),
+        guide=Contact(1.4e7, 0.0),
+        friction=Friction(0.0),
+        ripple=Ripple(0.05, 3.0, 0.0),
+        base=base,
+    )
+    begin = energy(rig, state(rig, numbers(rig), 1.0))
+    motion = moved(rig, 1.0, STEP, round(0.1 / STEP))
+    assert np.ptp(motion.work) > 0.1
+    assert len(motion.onsets) > 100
+    # Runge and Kutta's steps lose 1e-3 of an impact's energy in the socket's stiff spring
+    assert energy(rig, motion.end) - begin == pytest.approx(motion.work[-1], abs=0.01 * np.ptp(motion.work))
+
+
+@pytest.mark.parametrize(
+    ("rig", "angle"), [(NOMINAL, pi / 2), (replace(OBLIQUE, speed=120 * RPM), 65 * pi / 180)]
+)
+def test_first_contacts_are_the_twins(rig: Spatial, angle: float) -> None:
+    twin = simulation(SpatialSliderCrank(axis_angle=angle), SpeedDrive(rig.speed), 0.0, STEP)
+    found = np.concatenate([twin.advance(round(0.018 / STEP)).episodes, twin.open_episodes])
+    ours = from_rest(819_200, rig)
+    for contacts, precision, late in (((SOCKET,), 1e-4, 2e-8), (range(8), 1e-2, 2e-6)):
+        # the guide's follow three impacts in the socket, each of which parts two programs tenfold
+        episodes = found[np.isin(found[:, CONTACT], contacts)]
+        episode = episodes[np.argmin(episodes[:, ONSET])]
+        which = int(episode[CONTACT])
+        assert first_onsets(ours)[which] == pytest.approx(episode[ONSET], abs=late)
+        assert ours.first[which] == pytest.approx(episode[PEAK], rel=precision)
+
+
+def test_truth_does_not_know_the_twin() -> None:
+    code = (
+        "import sys, benchmarks.blind.spatial.mechanism;"
+        "assert not [m for m in sys.modules if m.split('.')[0] in ('sim_twin', 'rig', 'daq', 'drivers')]"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)  # noqa: S603 - our own code
