@@ -5,21 +5,29 @@ import sys
 from dataclasses import replace
 from functools import cache
 from math import pi
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.blind.changes import changed
 from benchmarks.blind.crank.rig import Ripple
+from benchmarks.blind.recording import Recording
 from benchmarks.blind.spatial import engine
+from benchmarks.blind.spatial.effects import CATALOGUE, CHAIN_EFFECTS
 from benchmarks.blind.spatial.mechanism import Motion, moved, numbers, started, state
-from benchmarks.blind.spatial.rig import Base, Contact, Friction, Spatial
+from benchmarks.blind.spatial.outside import CROSS_TALK, FAULTS, MECHANICAL, MILD, OUTSIDE, STRONG
+from benchmarks.blind.spatial.record import real_rig, record, steps
+from benchmarks.blind.spatial.rig import FORCES, MARKER, TACHOMETER, Base, Contact, Friction, Spatial
 from benchmarks.blind.spatial.rod import Rod, bending
 from benchmarks.blind.spatial.vectors import rotation
 from sim_twin.mechanisms.run import CONTACT, ONSET, PEAK
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
-from sim_twin.rigs.spatial_slider_crank.motion import simulation
+from sim_twin.rigs.spatial_slider_crank.motion import simulation, step_limits
+from sim_twin.rigs.spatial_slider_crank.rig import MODEL, nominal_sensors
+from sim_twin.twin import AnyTwin, Twin
 
 Array = NDArray[np.float64]
 RPM = pi / 30
@@ -153,25 +161,189 @@ def test_energy_is_the_motors_work_where_nothing_dissipates(base: Base | None) -
     assert energy(rig, motion.end) - begin == pytest.approx(motion.work[-1], abs=0.01 * np.ptp(motion.work))
 
 
-@pytest.mark.parametrize(
-    ("rig", "angle"), [(NOMINAL, pi / 2), (replace(OBLIQUE, speed=120 * RPM), 65 * pi / 180)]
-)
-def test_first_contacts_are_the_twins(rig: Spatial, angle: float) -> None:
-    twin = simulation(SpatialSliderCrank(axis_angle=angle), SpeedDrive(rig.speed), 0.0, STEP)
-    found = np.concatenate([twin.advance(round(0.018 / STEP)).episodes, twin.open_episodes])
-    ours = from_rest(819_200, rig)
-    for contacts, precision, late in (((SOCKET,), 1e-4, 2e-8), (range(8), 1e-2, 2e-6)):
-        # the guide's follow three impacts in the socket, each of which parts two programs tenfold
-        episodes = found[np.isin(found[:, CONTACT], contacts)]
-        episode = episodes[np.argmin(episodes[:, ONSET])]
+def first_of_twin(rig: SpatialSliderCrank, drive: SpeedDrive, seconds: float = 0.022) -> list[Array]:
+    """The first contact in the socket and the first in the guide; in a hundredth of the twin's usual errors.
+
+    With those the guide's first peak is up to 2 % off: three impacts in the socket come before it, and each
+    makes an error ten times as large.
+    """
+    limits = step_limits(rig, 1e-12, 400_000_000)
+    twin = simulation(rig, drive, 0.0, STEP, limits)
+    found = np.concatenate([twin.advance(round(seconds / STEP)).episodes, twin.open_episodes])
+    every = (found[found[:, CONTACT] == SOCKET], found[found[:, CONTACT] != SOCKET])
+    return [each[np.argmin(each[:, ONSET])] for each in every]
+
+
+def first_peaks_agree(rig: Spatial, twins: list[Array]) -> Motion:
+    ours = from_rest(819_200, rig, 0.022)
+    for episode, late in zip(twins, (2e-8, 1e-6), strict=True):
         which = int(episode[CONTACT])
         assert first_onsets(ours)[which] == pytest.approx(episode[ONSET], abs=late)
-        assert ours.first[which] == pytest.approx(episode[PEAK], rel=precision)
+        # 0.05 % is what was seen
+        assert ours.first[which] == pytest.approx(episode[PEAK], rel=2e-3)
+    return ours
+
+
+@pytest.mark.parametrize("rig", [NOMINAL, replace(OBLIQUE, speed=120 * RPM)], ids=["90 deg", "65 deg"])
+def test_first_contacts_are_the_twins(rig: Spatial) -> None:
+    first_peaks_agree(
+        rig, first_of_twin(SpatialSliderCrank(axis_angle=rig.axis_angle), SpeedDrive(rig.speed))
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("base_flexibility", {"frequency_hz": 400.0, "mass_kg": 0.5, "damping_ratio": 0.02}),
+        ("socket_clearance", {"scale": 2.0}),
+        ("guide_clearance", {"scale": 0.5}),
+        ("guide_friction", {"coefficient": 0.3}),
+        ("contact_stiffness", {"scale": 3.0}),
+        ("contact_damping", {"scale": 10.0}),
+        ("rod_stiffness", {"scale": 0.5}),
+        ("speed_fluctuation", {"amplitude": 0.05, "order": 2.0, "phase_rad": 0.7}),
+    ],
+)
+def test_effects_are_the_twins(name: str, values: dict[str, float]) -> None:
+    rig, drive = SpatialSliderCrank(), SpeedDrive(NOMINAL.speed)
+    bare: AnyTwin = Twin(rig, drive, nominal_sensors(rig, drive))
+    twin = MODEL.with_effects(bare, [(name, values)])
+    ours = first_peaks_agree(
+        changed(NOMINAL, effect(name, **values), CATALOGUE), first_of_twin(twin.rig, twin.drive)
+    )
+    nominal = from_rest(819_200, NOMINAL, 0.022).first
+    # each moves one of the two peaks by 3 % or more, an order above what the programs differ by
+    assert max(abs(ours.first[i] / nominal[i] - 1) for i in (2, SOCKET)) > 0.03
+
+
+SCENARIO = {
+    "speed": 230 * RPM,
+    "axis_angle": pi / 2,
+    "socket_clearance": 0.25e-3,
+    "guide_clearance": 0.25e-3,
+    "sample_rate": 25_600.0,
+    "settle": 0.05,
+    "duration": 0.28,
+}
+
+
+def effect(name: str, **parameters: Any) -> list[dict[str, Any]]:
+    return [{"name": name, "parameters": parameters}]
+
+
+SHORT = {**SCENARIO, "settle": 0.02, "duration": 0.08}
+
+
+@cache
+def healthy(short: bool = False) -> Recording:
+    return record(SHORT if short else SCENARIO, [], 1, 1)
+
+
+def test_channels_and_their_units() -> None:
+    run = healthy()
+    assert run.units == {**dict.fromkeys(FORCES, "N"), TACHOMETER: "rad/s", MARKER: "V"}
+    assert {samples.shape for samples in run.channels.values()} == {(7168,)}
+    assert all(np.isfinite(samples).all() for samples in run.channels.values())
+
+
+def test_tachometer_and_marker_agree() -> None:
+    speed, marker = (healthy().channels[name] for name in (TACHOMETER, MARKER))
+    # gain 0.5 %, three times; noise 0.1 % of each sample
+    assert speed.mean() == pytest.approx(230 * RPM, rel=0.016)
+    assert speed.std() == pytest.approx(1e-3 * 230 * RPM, rel=0.1)
+    high = np.flatnonzero(marker > 2.5)
+    # 5 degrees of 360, once in the 1.07 turns or twice
+    assert len(high) == pytest.approx(25_600 * 60 / 230 * 5 / 360, rel=0.03) or len(high) > 100
+    assert marker[high].mean() == pytest.approx(5.0, rel=0.05)
+
+
+def test_seeds_give_the_same_run_again() -> None:
+    again = record(SCENARIO, [], 1, 1)
+    for name, samples in healthy().channels.items():
+        assert np.array_equal(samples, again.channels[name])
+
+
+def test_rig_stays_and_run_changes() -> None:
+    def rig(seed: int, run: int) -> Spatial:
+        return real_rig(SCENARIO, [], np.random.default_rng(seed), np.random.default_rng(run))
+
+    assert rig(1, 2) == replace(rig(1, 3), speed=rig(1, 2).speed)
+    assert rig(1, 2).speed != rig(1, 3).speed
+    assert rig(1, 2).rod != rig(2, 2).rod
+
+
+def test_tolerances_are_the_texts() -> None:
+    rngs = [np.random.default_rng(seed) for seed in range(400)]
+    rigs = [real_rig(SCENARIO, [], rng, rng) for rng in rngs]
+    wanted = {
+        "speed": (230 * RPM, 2e-4),
+        "socket_clearance": (0.25e-3, 0.02),
+        "guide_clearance": (0.25e-3, 0.02),
+        "crank_radius": (0.05, 0.003),
+        "span": (0.025, 0.003),
+    }
+    found = {name: np.array([getattr(rig, name) for rig in rigs]) for name in wanted}
+    for name, (value, spread) in wanted.items():
+        # means to 5 standard errors, deviations of 400 to 3.5 %, five times; cut at 3 sigma, 1.4 % less
+        assert found[name].mean() == pytest.approx(value, rel=5 * spread / 20)
+        assert found[name].std() == pytest.approx(spread * value, rel=0.18)
+    ratios = np.array([rig.rod.damping for rig in rigs])
+    assert ratios.std(axis=0) == pytest.approx(0.0015 * np.ones(6), rel=0.18)
+    # what is common to all modes is 0.12 of 0.15
+    assert np.corrcoef(ratios.T)[0, 1:] == pytest.approx(0.64 * np.ones(5), abs=0.15)
+    frictions = np.array([rig.friction.coefficient for rig in rigs])
+    assert frictions.std() == pytest.approx(0.003, rel=0.18)
+
+
+def test_gain_of_one_channel_changes_only_that_one() -> None:
+    louder = record(SCENARIO, effect("sensor_gain", channel="socket.force", gain=1.5), 1, 1).channels
+    nominal = healthy().channels
+    # noise comes after the gain, six times its deviation
+    assert louder["socket.force"] == pytest.approx(1.5 * nominal["socket.force"], abs=0.3)
+    assert np.array_equal(louder["slider.force_3"], nominal["slider.force_3"])
+
+
+def test_skewed_channel_comes_late() -> None:
+    late = record(SCENARIO, effect("time_skew", channel=MARKER, seconds=1e-3), 1, 1).channels[MARKER]
+    # where it is high on average, 25.6 samples
+    places = [np.flatnonzero(samples > 2.5).mean() for samples in (late, healthy().channels[MARKER])]
+    assert places[0] - places[1] == pytest.approx(25.6, abs=1.0)
+
+
+def test_steps_follow_what_is_fast() -> None:
+    rate = 102_400.0
+    assert steps(NOMINAL, rate) == 2
+    stiff = changed(NOMINAL, effect("contact_stiffness", scale=4.0), CATALOGUE)
+    # twice as fast
+    assert steps(stiff, rate) == 4
+    assert steps(changed(NOMINAL, effect("contact_damping", scale=20.0), CATALOGUE), rate) > 4
+
+
+def test_every_effect_is_somewhere() -> None:
+    outside = {one.name for one in OUTSIDE}
+    assert outside == {*MECHANICAL, *FAULTS, CROSS_TALK}
+    assert outside == {one.name for one in MILD} == {one.name for one in STRONG}
+    assert not outside & {*CATALOGUE, *CHAIN_EFFECTS}
+
+
+@pytest.mark.parametrize("kind", STRONG, ids=lambda kind: kind.name)
+def test_outside_effects_change_the_recording(kind: Any) -> None:
+    drawn = kind.draw(np.random.default_rng(3))
+    if kind.name in FAULTS:  # where the short run has something, and often enough
+        drawn["parameters"] |= {"per_s": 100.0, "growth_per_s": 0.15, "channel": "socket.force"}
+    other, nominal = record(SHORT, [drawn], 1, 1).channels, healthy(short=True).channels
+    # the noise is the same: what differs is the effect
+    assert any(np.abs(other[name] - nominal[name]).max() > 0.5 for name in FORCES)
+
+
+def test_unknown_effect_is_refused() -> None:
+    with pytest.raises(ValueError, match="does not have: pivot_friction"):
+        record(SCENARIO, effect("pivot_friction", torque_nm=0.1), 1, 1)
 
 
 def test_truth_does_not_know_the_twin() -> None:
     code = (
-        "import sys, benchmarks.blind.spatial.mechanism;"
+        "import sys, benchmarks.blind.spatial.record;"
         "assert not [m for m in sys.modules if m.split('.')[0] in ('sim_twin', 'rig', 'daq', 'drivers')]"
     )
     subprocess.run([sys.executable, "-c", code], check=True)  # noqa: S603 - our own code

@@ -57,7 +57,7 @@ def moved(rig: Spatial, angle: float, step: float, count: int, each: int = 1) ->
     onsets = np.zeros((int(_ONSETS_A_SECOND * (step * each * count + 0.1)), 3))
     first = np.zeros(CONTACTS)
     found = engine.run(p, y, step, each, out, onsets, first, engine.scratch(len(y)))
-    angle, work, speed = out[CONTACTS:]
+    angle, work, speed = (out[row] for row in range(CONTACTS, engine.OUTPUTS))
     return Motion(out[:CONTACTS], angle, work, speed, onsets[:found], first, y)
 
 
