@@ -57,8 +57,8 @@ def moved(rig: Spatial, angle: float, step: float, count: int, each: int = 1) ->
     onsets = np.zeros((int(_ONSETS_A_SECOND * (step * each * count + 0.1)), 3))
     first = np.zeros(CONTACTS)
     found = engine.run(p, y, step, each, out, onsets, first, engine.scratch(len(y)))
-    angle, work, speed = (out[row] for row in range(CONTACTS, engine.OUTPUTS))
-    return Motion(out[:CONTACTS], angle, work, speed, onsets[:found], first, y)
+    angle, work, speed = CONTACTS, CONTACTS + 1, CONTACTS + 2
+    return Motion(out[:CONTACTS], out[angle], out[work], out[speed], onsets[:found], first, y)
 
 
 def numbers(rig: Spatial) -> Numbers:

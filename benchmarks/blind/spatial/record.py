@@ -82,8 +82,13 @@ def real_rig(
     wider: float = 1.0,
 ) -> Spatial:
     """The scenario's rig with `effects`, as built (`rng`) and as set for this run (`run`)."""
-    keys = ("speed", "axis_angle", "socket_clearance", "guide_clearance")
-    rig = changed(Spatial(*(float(scenario[key]) for key in keys)), effects, {**CATALOGUE, **MECHANICAL})
+    nominal = Spatial(
+        speed=scenario["speed"],
+        axis_angle=scenario["axis_angle"],
+        socket_clearance=scenario["socket_clearance"],
+        guide_clearance=scenario["guide_clearance"],
+    )
+    rig = changed(nominal, effects, {**CATALOGUE, **MECHANICAL})
     return set_anew(built(toleranced(rig, rng, wider)), run)
 
 
