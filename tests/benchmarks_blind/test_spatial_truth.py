@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from functools import cache
 from math import pi
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,10 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.changes import changed
 from benchmarks.blind.crank.rig import Ripple
+from benchmarks.blind.gap.distance import Floor, Table
+from benchmarks.blind.gap.twin import ensemble, read_features
+from benchmarks.blind.logs import write_log
+from benchmarks.blind.operating_points import PointOfRun, scenario_text
 from benchmarks.blind.recording import Recording
 from benchmarks.blind.spatial import engine
 from benchmarks.blind.spatial.effects import CATALOGUE, CHAIN_EFFECTS
@@ -22,6 +27,7 @@ from benchmarks.blind.spatial.record import real_rig, record, steps
 from benchmarks.blind.spatial.rig import FORCES, MARKER, TACHOMETER, Base, Contact, Friction, Spatial
 from benchmarks.blind.spatial.rod import Rod, bending
 from benchmarks.blind.spatial.vectors import rotation
+from rig.files.scenario import parse_scenario
 from sim_twin.mechanisms.run import CONTACT, ONSET, PEAK
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
@@ -339,6 +345,27 @@ def test_outside_effects_change_the_recording(kind: Any) -> None:
 def test_unknown_effect_is_refused() -> None:
     with pytest.raises(ValueError, match="does not have: pivot_friction"):
         record(SCENARIO, effect("pivot_friction", torque_nm=0.1), 1, 1)
+
+
+@pytest.mark.long
+def test_recordings_lie_among_the_twins_and_effects_apart_from_them(tmp_path: Path) -> None:
+    point: PointOfRun = {**SCENARIO, "settle": 0.5, "duration": 4.0}
+    scenario = parse_scenario(scenario_text("run", point))
+
+    def table(effects: list[dict[str, Any]], number: int) -> tuple[Table, list[int]]:
+        log = tmp_path / f"{number}.mcap"
+        write_log(log, record(point, effects, number, 1), scenario_text("run", point), "run", 0)
+        return read_features(log, scenario, "measured")
+
+    wide = effect("guide_clearance", scale=2.0)
+    nominal, true = (ensemble(scenario, effects, range(1000, 1006)) for effects in ([], wide))
+    healthy_run, groups = table([], 1)
+    hidden_run, _ = table(wide, 2)
+    # one more of them is 1; single runs of six scatter by some 15 %
+    assert Floor(nominal, groups).gap(healthy_run, nominal) < 1.4
+    floor = Floor(true, groups)
+    assert floor.gap(hidden_run, true) < 1.4
+    assert floor.gap(hidden_run, nominal) > 2 * floor.gap(hidden_run, true)
 
 
 def test_truth_does_not_know_the_twin() -> None:
