@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.blind.catalogue import CATALOGUE as CATALOGUES
+from benchmarks.blind.catalogue import SPATIAL
 from benchmarks.blind.changes import changed
 from benchmarks.blind.crank.rig import Ripple
 from benchmarks.blind.gap.distance import Floor, Table
 from benchmarks.blind.gap.twin import ensemble, read_features
 from benchmarks.blind.logs import write_log
-from benchmarks.blind.operating_points import PointOfRun, scenario_text
+from benchmarks.blind.operating_points import PointOfRun, scenario_text, spatial_points
 from benchmarks.blind.recording import Recording
 from benchmarks.blind.spatial import engine
 from benchmarks.blind.spatial.effects import CATALOGUE, CHAIN_EFFECTS
@@ -340,6 +342,27 @@ def test_outside_effects_change_the_recording(kind: Any) -> None:
     other, nominal = record(SHORT, [drawn], 1, 1).channels, healthy(short=True).channels
     # the noise is the same: what differs is the effect
     assert any(np.abs(other[name] - nominal[name]).max() > 0.5 for name in FORCES)
+
+
+def test_steps_too_long_are_told() -> None:
+    with pytest.raises(ArithmeticError, match="too long for Spatial"):
+        moved(NOMINAL, 0.0, 1e-4, 400)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_whatever_is_drawn_moves() -> None:
+    rng = np.random.default_rng(11)
+    kinds = [*CATALOGUES[SPATIAL].values(), *OUTSIDE]
+    for number, (first, second) in enumerate(rng.permutation(len(kinds)).reshape(-1, 2)):
+        (point,) = spatial_points(1, rng)
+        drawn = [kinds[first].draw(rng), kinds[second].draw(rng)]
+        run = record({**point, "settle": 0.1, "duration": 0.15}, drawn, number, 1)
+        assert all(np.isfinite(samples).all() for samples in run.channels.values()), drawn
+        # it presses somewhere, and no sensor is at its end of 500 N for as much as a hundredth of the time
+        forces = np.array([run.channels[name] for name in FORCES])
+        assert forces.max() > 1.0, drawn
+        assert np.mean(np.abs(forces).max(axis=0) > 499) < 0.01, drawn
 
 
 def test_unknown_effect_is_refused() -> None:

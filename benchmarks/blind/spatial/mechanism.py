@@ -50,15 +50,20 @@ class Start:
 
 
 def moved(rig: Spatial, angle: float, step: float, count: int, each: int = 1) -> Motion:
-    """From ideal joints at the crank's `angle` in rad: `count` samples, each after `each` steps (s)."""
+    """From ideal joints at the crank's `angle` in rad: `count` samples, each after `each` steps (s).
+
+    Raises ArithmeticError where the steps are so long that the motion runs away.
+    """
     p = numbers(rig)
     y = state(rig, p, angle)
     out = np.zeros((engine.OUTPUTS, count))
     onsets = np.zeros((int(_ONSETS_A_SECOND * (step * each * count + 0.1)), 3))
     first = np.zeros(CONTACTS)
     found = engine.run(p, y, step, each, out, onsets, first, engine.scratch(len(y)))
-    angle, work, speed = CONTACTS, CONTACTS + 1, CONTACTS + 2
-    return Motion(out[:CONTACTS], out[angle], out[work], out[speed], onsets[:found], first, y)
+    if not np.isfinite(y).all():
+        raise ArithmeticError(f"the steps of {step:.3g} s are too long for {rig}")
+    turned, work, speed = CONTACTS, CONTACTS + 1, CONTACTS + 2
+    return Motion(out[:CONTACTS], out[turned], out[work], out[speed], onsets[:found], first, y)
 
 
 def numbers(rig: Spatial) -> Numbers:
