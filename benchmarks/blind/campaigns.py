@@ -9,12 +9,12 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
-from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, PIVOTED_ONLY, EffectEntry
-from benchmarks.blind.operating_points import PointOfRun, beam_points, crank_points
+from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, PIVOTED_ONLY, SPATIAL, EffectEntry
+from benchmarks.blind.operating_points import PointOfRun, beam_points, crank_points, spatial_points
 
 Kind = Literal["single", "none", "pair", "outside"]
 SHARES: Mapping[Kind, float] = {"single": 0.40, "none": 0.25, "pair": 0.20, "outside": 0.15}
-RIGS = (BEAM, CRANK)
+RIGS = (BEAM, CRANK, SPATIAL)
 MOST_RUNS = 3
 _ALUMINIUM_SHARE = 0.2
 _ONE_STIFFNESS = frozenset(("contact_stiffness", "hertzian_contact"))
@@ -119,6 +119,8 @@ def _campaign(name: str, plan: _Plan, rng: np.random.Generator) -> Campaign:
         effects = (plan.outsider.draw(rng),)
     if plan.rig == CRANK:
         points = crank_points(runs, rng)
+    elif plan.rig == SPATIAL:
+        points = spatial_points(runs, rng)
     else:
         pivoted = plan.kind == "outside" or any(each in PIVOTED_ONLY for each in plan.names)
         aluminium = not pivoted and rng.random() < _ALUMINIUM_SHARE

@@ -1,4 +1,4 @@
-"""The effects that the two rigs may hide, as plain data: the table of the text, not the twin's own.
+"""The effects that the three rigs may hide, as plain data: the table of the text, not the twin's own.
 
 A test holds it against the twin's catalogue, so that neither changes alone.
 """
@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-BEAM, CRANK = "impact_beam", "planar_slider_crank"
+BEAM, CRANK, SPATIAL = "impact_beam", "planar_slider_crank", "spatial_slider_crank"
 PIVOTED_ONLY = ("pivot_friction", "pivot_compliance")
 """Effects that do not exist on the clamped (aluminium) beam."""
 
@@ -21,6 +21,7 @@ EffectEntry: TypeAlias = dict[str, object]
 
 _FORCES = ("contact.force_upper", "contact.force_lower", "yoke.force")
 _FRAMES = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y")
+_TOUCHED = (*(f"slider.force_{point}" for point in range(1, 9)), "socket.force")
 _LEAST_DISTORTION = 0.04
 Spacing = Literal["log", "even", "whole"]
 
@@ -84,16 +85,21 @@ _STIFFNESS = _one("scale", (0.2, 0.7), (1.4, 5.0))
 _JOINT = _one("scale", (0.3, 0.8), (1.25, 2.5))
 _DAMPING = _one("damping_ratio", (0.003, 0.05))
 
+_HARDER = _one("scale", (3.0, 20.0))
+_DROOP = _one("corner_hz", (0.3, 10.0))
+_BASE = (*_one("frequency_hz", (150.0, 1500.0)), *_one("mass_kg", (0.5, 8.0)), *_DAMPING)
+_SPEED = (
+    *_one("amplitude", (0.005, 0.05)),
+    *_one("order", (1.0, 4.0), spacing="whole"),
+    *_one("phase_rad", (-math.pi, math.pi), spacing="even"),
+)
+
 _BEAM_CAUSES = (
     Cause("clearance", "contact joint", _one("scale", (0.5, 0.9), (1.1, 2.0))),
     Cause("contact_stiffness", "contact joint", _STIFFNESS),
-    Cause("contact_damping", "contact joint", _one("scale", (3.0, 20.0))),
+    Cause("contact_damping", "contact joint", _HARDER),
     Cause("hertzian_contact", "contact joint", _one("stiffness_n_per_m15", (3e9, 3e10))),
-    Cause(
-        "base_flexibility",
-        "base",
-        (*_one("frequency_hz", (150.0, 1500.0)), *_one("mass_kg", (0.5, 8.0)), *_DAMPING),
-    ),
+    Cause("base_flexibility", "base", _BASE),
     Cause("pivot_friction", "pivot", _one("torque_nm", (0.02, 0.3))),
     Cause("pivot_compliance", "pivot", _one("stiffness_n_per_m", (1e5, 5e7))),
     Cause("structural_damping", "beam", _one("scale", (2.0, 8.0))),
@@ -109,7 +115,7 @@ _BEAM_CAUSES = (
         (*_one("second", (0.0, 0.2), spacing="even"), *_one("third", (0.0, 0.2), spacing="even")),
     ),
     Cause("sensor_gain", "sensor", _GAIN, ("drive.force", *_FORCES)),
-    Cause("sensor_droop", "sensor", _one("corner_hz", (0.3, 10.0)), ("drive.force", *_FORCES)),
+    Cause("sensor_droop", "sensor", _DROOP, ("drive.force", *_FORCES)),
     Cause("sensor_bandwidth", "sensor", _BANDWIDTH, _FORCES),
     Cause("time_skew", "clock", _SKEW, ("drive.force", *_FORCES)),
 )
@@ -122,15 +128,7 @@ _CRANK_CAUSES = (
     Cause("joint_friction", "joints", _one("coefficient", (0.04, 0.3))),
     Cause("guide_friction", "guide", _one("coefficient", (0.1, 0.5))),
     Cause("rod_flexibility", "rod", (*_one("frequency_hz", (60.0, 500.0)), *_DAMPING)),
-    Cause(
-        "speed_fluctuation",
-        "drive",
-        (
-            *_one("amplitude", (0.005, 0.05)),
-            *_one("order", (1.0, 4.0), spacing="whole"),
-            *_one("phase_rad", (-math.pi, math.pi), spacing="even"),
-        ),
-    ),
+    Cause("speed_fluctuation", "drive", _SPEED),
     Cause("piston_mass", "piston", _one("scale", (0.5, 0.85), (1.2, 2.0))),
     Cause("frame_resonance", "frame", _one("frequency_scale", (0.6, 0.9), (1.1, 1.6)), _FRAMES),
     Cause("sensor_gain", "sensor", _GAIN, _FRAMES),
@@ -138,9 +136,25 @@ _CRANK_CAUSES = (
     Cause("time_skew", "clock", _SKEW, (*_FRAMES, "crank.marker")),
 )
 
+_SPATIAL_CAUSES = (
+    Cause("base_flexibility", "base", _BASE),
+    Cause("socket_clearance", "socket", _JOINT),
+    Cause("guide_clearance", "guide", _JOINT),
+    Cause("guide_friction", "guide", _one("coefficient", (0.0, 0.05), (0.16, 0.3), spacing="even")),
+    Cause("contact_stiffness", "joints", _STIFFNESS),
+    Cause("contact_damping", "joints", _HARDER),
+    Cause("rod_stiffness", "rod", _one("scale", (0.4, 0.8), (1.25, 2.5))),
+    Cause("speed_fluctuation", "drive", _SPEED),
+    Cause("sensor_gain", "sensor", _GAIN, _TOUCHED),
+    Cause("sensor_droop", "sensor", _DROOP, _TOUCHED),
+    Cause("sensor_bandwidth", "sensor", _BANDWIDTH, _TOUCHED),
+    Cause("time_skew", "clock", _SKEW, (*_TOUCHED, "flywheel.marker")),
+)
+
 CATALOGUE: Mapping[str, Mapping[str, Cause]] = {
     BEAM: {cause.name: cause for cause in _BEAM_CAUSES},
     CRANK: {cause.name: cause for cause in _CRANK_CAUSES},
+    SPATIAL: {cause.name: cause for cause in _SPATIAL_CAUSES},
 }
 
 

@@ -7,10 +7,14 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from benchmarks.blind.campaigns import Outsider
-from benchmarks.blind.catalogue import BEAM, CRANK
+from benchmarks.blind.catalogue import BEAM, CRANK, SPATIAL
 from benchmarks.blind.recording import Recording
 
-_MODULES = {BEAM: "benchmarks.blind.beam.record", CRANK: "benchmarks.blind.crank.record"}
+_MODULES = {
+    BEAM: "benchmarks.blind.beam.record",
+    CRANK: "benchmarks.blind.crank.record",
+    SPATIAL: "benchmarks.blind.spatial.record",
+}
 
 
 class Engine(Protocol):

@@ -8,11 +8,15 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.blind.catalogue import BEAM, CRANK, SPATIAL
+
 PointOfRun: TypeAlias = dict[str, float | str]
 """What a truth engine takes: SI numbers by name, and the beam's material."""
 
 _BEAM_HZ, _BEAM_N, _BEAM_GAP_MM, _BEAM_S = (5.0, 40.0), (6.0, 12.0), (0.1, 0.5), (4.0, 8.0)
 _CRANK_RPM, _CRANK_GAP_MM, _CRANK_S = (120.0, 260.0), (0.5, 2.0), (6.0, 12.0)
+_SPATIAL_RPM, _SPATIAL_DEG, _SPATIAL_GAP_MM, _SPATIAL_S = (50.0, 250.0), (65.0, 90.0), (0.1, 0.6), (3.0, 12.0)
+_LEAST_TURNS = 5.0
 _SETTLE_S = 1.0
 
 
@@ -49,10 +53,29 @@ def crank_points(runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
     )
 
 
+def spatial_points(runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
+    """Runs of one spatial crank at several speeds; angle and clearances stay as they are."""
+    gaps = [round(_by_ratio(_SPATIAL_GAP_MM, float(share)), 2) * 1e-3 for share in rng.random(2)]
+    degrees = round(float(rng.uniform(*_SPATIAL_DEG)))
+    low, high = _SPATIAL_RPM
+    speeds = [round(low + share * (high - low)) for share in _apart(runs, rng)]
+    return tuple(
+        {
+            "speed": rpm * math.pi / 30,
+            "axis_angle": math.radians(degrees),
+            "socket_clearance": gaps[0],
+            "guide_clearance": gaps[1],
+            "sample_rate": 25_600.0,
+            "settle": _SETTLE_S,
+            "duration": round(max(float(rng.uniform(*_SPATIAL_S)), _LEAST_TURNS * 60 / rpm), 1),
+        }
+        for rpm in speeds
+    )
+
+
 def scenario_text(name: str, point: PointOfRun) -> str:
     """The scenario file that an operator would have written for a run."""
-    model, drive = _beam_sections(point) if "beam" in point else _crank_sections(point)
-    rig = "impact_beam" if "beam" in point else "planar_slider_crank"
+    rig, (model, drive) = _sections(point)
     acquisition = {
         "sample_rate": f"{_number(point, 'sample_rate') / 1e3:g} kHz",
         "settle": f"{point['settle']:g} s",
@@ -65,14 +88,30 @@ def scenario_text(name: str, point: PointOfRun) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _sections(point: PointOfRun) -> tuple[str, tuple[dict[str, str], dict[str, str]]]:
+    if "beam" in point:
+        return BEAM, _beam_sections(point)
+    if "axis_angle" in point:
+        return SPATIAL, _spatial_sections(point)
+    return CRANK, (_gaps(point, "clearance_1", "clearance_2"), _speed(point))
+
+
 def _beam_sections(point: PointOfRun) -> tuple[dict[str, str], dict[str, str]]:
     model = {"beam": str(point["beam"]), "clearance": _millimetres(point, "clearance")}
     return model, {"frequency": f"{point['frequency']:g} Hz", "amplitude": f"{point['amplitude']:g} N"}
 
 
-def _crank_sections(point: PointOfRun) -> tuple[dict[str, str], dict[str, str]]:
-    model = {key: _millimetres(point, key) for key in ("clearance_1", "clearance_2")}
-    return model, {"speed": f"{round(_number(point, 'speed') * 30 / math.pi, 3):g} rpm"}
+def _spatial_sections(point: PointOfRun) -> tuple[dict[str, str], dict[str, str]]:
+    angle = {"axis_angle": f"{math.degrees(_number(point, 'axis_angle')):g} deg"}
+    return {**angle, **_gaps(point, "socket_clearance", "guide_clearance")}, _speed(point)
+
+
+def _gaps(point: PointOfRun, *keys: str) -> dict[str, str]:
+    return {key: _millimetres(point, key) for key in keys}
+
+
+def _speed(point: PointOfRun) -> dict[str, str]:
+    return {"speed": f"{round(_number(point, 'speed') * 30 / math.pi, 3):g} rpm"}
 
 
 def _millimetres(point: PointOfRun, key: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from benchmarks.blind import metrics
-from benchmarks.blind.campaigns import Kind
+from benchmarks.blind.campaigns import RIGS, Kind
 from benchmarks.blind.cases import Case
 from benchmarks.blind.figure import Bar, Figure, OfCase, Selection, largest_of, mean_of, median_of
 
@@ -39,6 +39,22 @@ def _between(cases: Sequence[Case], low: float, high: float) -> list[Case]:
 
 def _timed(cases: Sequence[Case], least_runs: int) -> list[Case]:
     return [case for case in cases if case.wall_s is not None and len(case.campaign.runs) >= least_runs]
+
+
+def _on_rig(cases: Sequence[Case], rig: str, select: Selection) -> list[Case]:
+    return [case for case in select(cases) if case.campaign.rig == rig]
+
+
+def _of_rig(rig: str) -> tuple[Figure, ...]:
+    """What a reader asks of each rig alone."""
+    shown, nothing, pairs = (partial(_on_rig, rig=rig, select=select) for select in (SHOWN, _NOTHING, _PAIRS))
+    return (
+        _share(f"{rig}: first answer right", shown, metrics.first_right),
+        _share(f"{rig}: among the first three", shown, metrics.three_right),
+        _share(f"{rig}: location right", shown, metrics.location_right),
+        _share(f"{rig}: false alarms", nothing, metrics.false_alarm),
+        Figure(f"{rig}: F1 of pairs", pairs, metrics.pairs_f1),
+    )
 
 
 def _kind(*kinds: Kind) -> Selection:
@@ -126,4 +142,5 @@ BESIDE = (
     _share("pairs: selected just what is hidden", _PAIRS, metrics.exact_set),
     Figure("wall time, median, s", partial(_timed, least_runs=1), median_of(metrics.wall), "none"),
     Figure("wall time, longest, s", partial(_timed, least_runs=1), largest_of(metrics.wall), "none"),
+    *(figure for rig in RIGS for figure in _of_rig(rig)),
 )

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.campaigns import Campaign, Outsider, draw_campaigns, numbers_of_kinds
-from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, PIVOTED_ONLY, EffectEntry
+from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, PIVOTED_ONLY, SPATIAL, EffectEntry
 from benchmarks.blind.logs import write_campaign
 from benchmarks.blind.operating_points import scenario_text
 from benchmarks.blind.recording import Recording
@@ -46,7 +46,11 @@ class SilentEngine:
         return Recording(scenario["sample_rate"], channels, {"drive.force": "N", "crank.angle": "rad"})
 
 
-OUTSIDE = {BEAM: [Stranger("loose_cable"), Stranger("cubic_tip")], CRANK: [Stranger("oval_bearing")]}
+OUTSIDE = {
+    BEAM: [Stranger("loose_cable"), Stranger("cubic_tip")],
+    CRANK: [Stranger("oval_bearing")],
+    SPATIAL: [Stranger("worn_point")],
+}
 CAMPAIGNS = draw_campaigns(120, 7, OUTSIDE)
 
 
@@ -54,7 +58,7 @@ def _effects(kind: str) -> list[tuple[str, EffectEntry]]:
     return [(each.rig, effect) for each in CAMPAIGNS if each.kind == kind for effect in each.effects]
 
 
-@pytest.mark.parametrize("rig", [BEAM, CRANK])
+@pytest.mark.parametrize("rig", [BEAM, CRANK, SPATIAL])
 def test_the_table_is_the_twins_catalogue(rig: str) -> None:
     twins = {effect.name: effect for effect in RIGS[rig].effects.values()}
     # what people wire or enter wrongly is for rigs, not for truths
@@ -78,7 +82,7 @@ def test_kinds_have_their_shares() -> None:
     assert Counter(each.kind for each in CAMPAIGNS) == numbers_of_kinds(120)
 
 
-def test_single_effects_are_balanced_over_both_catalogues() -> None:
+def test_single_effects_are_balanced_over_the_catalogues() -> None:
     number = Counter((rig, str(effect["name"])) for rig, effect in _effects("single"))
     assert set(number) == {(rig, name) for rig in CATALOGUE for name in CATALOGUE[rig]}
     assert max(number.values()) - min(number.values()) <= 1
@@ -92,7 +96,7 @@ def test_pairs_are_two_effects_of_one_rig() -> None:
 
 def test_outside_effects_are_not_in_the_catalogue() -> None:
     names = {str(effect["name"]) for _, effect in _effects("outside")}
-    assert names == {"loose_cable", "cubic_tip", "oval_bearing"}
+    assert names == {"loose_cable", "cubic_tip", "oval_bearing", "worn_point"}
 
 
 def test_the_same_seed_draws_the_same_and_another_seed_others() -> None:
@@ -123,7 +127,7 @@ def test_scenario_and_engine_are_given_the_same_numbers() -> None:
         held = {"settle": scenario.acquisition.settle, "duration": scenario.acquisition.duration}
         names = ("frequency", "amplitude") if "beam" in point else ("speed",)
         held |= {name: getattr(scenario.drive, name) for name in names}
-        gaps = ("clearance",) if "beam" in point else ("clearance_1", "clearance_2")
+        gaps = [key for key in point if "clearance" in key or key == "axis_angle"]
         held |= {name: scenario.model[name] for name in gaps}
         # Texts have three decimals of rpm; all else is exact but for rounding.
         assert held == pytest.approx({name: point[name] for name in held}, rel=1e-6)
@@ -132,12 +136,21 @@ def test_scenario_and_engine_are_given_the_same_numbers() -> None:
 def test_operating_points_lie_in_their_ranges_and_differ_within_a_campaign() -> None:
     for each in CAMPAIGNS:
         assert 1 <= len(each.runs) == len(each.run_seeds) <= 3
-        name, low, high = (
-            ("frequency", 5, 40) if each.rig == BEAM else ("speed", 120 * np.pi / 30, 260 * np.pi / 30)
-        )
+        name, low, high = {
+            BEAM: ("frequency", 5.0, 40.0),
+            CRANK: ("speed", 120 * np.pi / 30, 260 * np.pi / 30),
+            SPATIAL: ("speed", 50 * np.pi / 30, 250 * np.pi / 30),
+        }[each.rig]
         values = [float(point[name]) for point in each.runs]
         assert all(low - 1e-9 <= value <= high + 1e-9 for value in values)
         assert len(set(values)) == len(values)
+
+
+def test_every_run_of_the_spatial_crank_has_whole_turns() -> None:
+    points = [point for each in CAMPAIGNS if each.rig == SPATIAL for point in each.runs]
+    assert {float(point["duration"]) for point in points} <= {round(0.1 * n, 1) for n in range(30, 121)}
+    # five turns less 0.05 s of rounding leave three whole ones and parts at both ends
+    assert all(float(point["duration"]) * float(point["speed"]) > 4.9 * 2 * np.pi for point in points)
 
 
 def test_effects_that_need_a_pivot_are_on_the_steel_beam() -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.blind.gap.beam import drive_phase, whole_cycles, without_crosstalk
 from benchmarks.blind.gap.cycles import contacts, lag, levels, orders
 from benchmarks.blind.gap.distance import Floor, energy_distances
+from benchmarks.blind.gap.spatial import FORCES, marked_turns, spatial_features
 
 RATE = 51_200.0
 
@@ -110,3 +111,37 @@ def test_healthy_crosstalk_is_taken_out_of_the_base_and_no_more() -> None:
     assert np.abs(rest - noise).max() < 5e-5 * contact.max()
     shaken = without_crosstalk({**channels, "base.acceleration": noise + 0.1 * contact})
     assert shaken == pytest.approx(noise + 0.099 * contact)
+
+
+def _marked(rate: float, late: float = 0.0) -> dict[str, NDArray[np.float64]]:
+    """Ten and a half turns at 4 Hz, a contact of 10 N in the fifth tenth of each; the mark `late` s."""
+    rng = np.random.default_rng(8)
+    turn = 4.0 * (np.arange(round(2.625 * rate)) + 0.5) / rate  # no edge on a sample
+    share = np.mod(turn, 1.0)
+    force = np.where((share > 0.4) & (share < 0.5), 10.0, 0.0) + 0.05 * rng.standard_normal(len(turn))
+    mark = np.where(np.mod(turn - 4.0 * late, 1.0) < 5 / 360, 5.0, 0.0)
+    return {
+        **dict.fromkeys(FORCES, force),
+        "motor.tachometer": np.full(len(turn), 25.0),
+        "flywheel.marker": mark,
+    }
+
+
+def test_turns_of_the_spatial_crank_go_from_mark_to_mark() -> None:
+    channels = _marked(25_600.0, late=0.01)
+    turns = list(marked_turns(channels["flywheel.marker"]))
+    assert len(turns) == 10
+    assert {cut.stop - cut.start for cut in turns} == {6400}
+    assert turns[0].start == 256
+
+
+def test_a_late_mark_shows_as_an_earlier_contact() -> None:
+    (_, on_time, *_), (_, late, *_) = (
+        spatial_features(_marked(25_600.0, late), 25_600.0, 0.0) for late in (0.0, 2e-3)
+    )
+    assert on_time["socket.force"]["first"] == pytest.approx(0.4, abs=2e-4)
+    # 2 ms of a turn of 250 ms; half a sample
+    assert late["socket.force"]["first"] == pytest.approx(0.4 - 0.008, abs=2e-4)
+    assert on_time["socket.force"]["onsets"] == 1
+    # what lies between the channels is the same
+    assert late["timing"] == pytest.approx(on_time["timing"], abs=1e-6)

@@ -18,7 +18,7 @@ from benchmarks.blind.campaigns import Campaign
 from benchmarks.blind.runner import ROOT, diagnosis_file
 from benchmarks.blind.seal import unseal
 
-SEED = 35
+SEED = 799
 """Three campaigns of one run each, with effects that stand out."""
 FULL_S, SHORT_S = "60", "20"
 """The full check's budget where a parameter is asserted, a third of it for the others."""

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy import signal
 
 from benchmarks.blind.beam.engine import Truth
-from benchmarks.blind.beam.outside import FAULTS
 from benchmarks.blind.beam.rig import Rig
 from benchmarks.blind.beam.structure import Array
+from benchmarks.blind.outsiders import faulted
 from benchmarks.blind.sensing import Chain, altered, healthy
 
 UNITS = {
@@ -36,12 +35,7 @@ def chains(
     for name in UNITS:
         spread = 0.01 if name == "yoke.force" else 0.005
         chain = healthy(rng, _NOISE.get(name, _FORCE_NOISE), _FULL_SCALE, wider * spread)
-        faults = tuple(
-            FAULTS[effect["name"]](effect["parameters"])
-            for effect in effects
-            if effect["name"] in FAULTS and effect["parameters"]["channel"] == name
-        )
-        found[name] = replace(altered(chain, name, effects), faults=faults)
+        found[name] = faulted(altered(chain, name, effects), name, effects)
     return found
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
-Array: TypeAlias = NDArray[np.float64]
+from benchmarks.blind.finite_elements import Array, bending_matrices
+
+__all__ = ["Array"]
 ELEMENTS = 60
 MODES = 30
 FASTEST = 2 * np.pi * 40e3
@@ -109,18 +109,8 @@ def _modes(beam: Beam) -> tuple[Array, Array, Array]:
 
 
 def _assembled(beam: Beam) -> tuple[Array, Array]:
-    """Free-free mass and stiffness; deflection and rotation at each node in turn."""
-    h = beam.length / ELEMENTS
     area, moment = beam.width * beam.thickness, beam.width * beam.thickness**3 / 12
-    scale = np.array([1, h, 1, h])
-    units = np.outer(scale, scale)
-    k = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]) * units
-    m = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]) * units
-    M, K = np.zeros((2, 2 * ELEMENTS + 2, 2 * ELEMENTS + 2))
-    for i in range(0, 2 * ELEMENTS, 2):
-        M[i : i + 4, i : i + 4] += beam.density * area * h / 420 * m
-        K[i : i + 4, i : i + 4] += beam.modulus * moment / h**3 * k
-    return M, K
+    return bending_matrices(beam.length, beam.modulus * moment, beam.density * area, ELEMENTS)
 
 
 def _interpolation(beam: Beam) -> Array:

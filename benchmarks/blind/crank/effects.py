@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
+from benchmarks.blind.changes import Values
 from benchmarks.blind.crank.rig import Crank, Mode, Ripple
 
-Values: TypeAlias = Mapping[str, Any]
 Change: TypeAlias = Callable[[Crank, Values], Crank]
-Effects: TypeAlias = Sequence[Mapping[str, Any]]
-
-
-def changed(crank: Crank, effects: Effects, changes: Mapping[str, Change]) -> Crank:
-    """The rig with every effect that `changes` knows."""
-    for effect in effects:
-        if effect["name"] in changes:
-            crank = changes[effect["name"]](crank, effect["parameters"])
-    return crank
 
 
 def _clearance_1(crank: Crank, values: Values) -> Crank:

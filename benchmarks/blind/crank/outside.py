@@ -9,7 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy import signal
 
-from benchmarks.blind.crank.effects import Change, Values
+from benchmarks.blind.changes import Values
+from benchmarks.blind.crank.effects import Change
 from benchmarks.blind.crank.parts import Array
 from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y, Crank, Ripple
 from benchmarks.blind.sensing import Fault

@@ -13,7 +13,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from benchmarks.blind.crank.effects import CATALOGUE, CHAIN_EFFECTS, Effects, changed
+from benchmarks.blind.changes import Effects, changed, refuse_unknown
+from benchmarks.blind.crank.effects import CATALOGUE, CHAIN_EFFECTS
 from benchmarks.blind.crank.frame import accelerations
 from benchmarks.blind.crank.mechanism import moved
 from benchmarks.blind.crank.outside import ACCELERATIONS, FAULTS, MECHANICAL, ON_THE_WAY, OUTSIDE
@@ -51,7 +52,7 @@ def record(
     both seeds together what is set anew for each run. `built` has the last word on the rig, whose tolerances
     are so many times `wider`. An effect that nobody knows: ValueError.
     """
-    _refuse_unknown(effects)
+    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *(effect.name for effect in OUTSIDE)))
     rig, run = np.random.default_rng([rig_seed, 1]), np.random.default_rng([rig_seed, run_seed, 2])
     crank = real_rig(scenario, effects, rig, run, built, wider)
     chains = _chains(effects, rig, wider)
@@ -115,13 +116,6 @@ def _chains(effects: Effects, rng: np.random.Generator, wider: float) -> dict[st
         )
         for name, chain in chains.items()
     }
-
-
-def _refuse_unknown(effects: Effects) -> None:
-    known = {*CATALOGUE, *CHAIN_EFFECTS, *(effect.name for effect in OUTSIDE)}
-    unknown = sorted({effect["name"] for effect in effects} - known)
-    if unknown:
-        raise ValueError(f"effects that this rig does not have: {', '.join(unknown)}")
 
 
 SPEED_CASES: dict[str, Effects] = {

@@ -14,12 +14,17 @@ from benchmarks.blind.gap.beam import beam_features
 from benchmarks.blind.gap.crank import crank_features
 from benchmarks.blind.gap.cycles import Samples
 from benchmarks.blind.gap.distance import Table
+from benchmarks.blind.gap.spatial import spatial_features
 from daq.log.reader import LogReader, Origin
 from rig.files.scenario import Scenario, parse_scenario
 from rig.twin.prediction_file import write_prediction
 from rig.twin.scenario_twin import twin_of, with_effects
 
-_FEATURES = {"impact_beam": beam_features, "planar_slider_crank": crank_features}
+_FEATURES = {
+    "impact_beam": beam_features,
+    "planar_slider_crank": crank_features,
+    "spatial_slider_crank": spatial_features,
+}
 
 
 def scenario_of(log: Path) -> Scenario:

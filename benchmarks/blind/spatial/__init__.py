@@ -1,0 +1,1 @@
+"""The blind check's spatial slider-crank: two free bodies, held together by a joint's forces."""
