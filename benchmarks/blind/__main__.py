@@ -10,6 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from benchmarks.blind.campaigns import RIGS
 from benchmarks.blind.make import discard_logs, make
 from benchmarks.blind.runner import diagnose_all
 from benchmarks.blind.score import measure_truths, score
@@ -25,7 +26,7 @@ def main() -> int:
     met = True
     try:
         if arguments.step in ("make", "all"):
-            make(folder, arguments.campaigns, arguments.seed)
+            make(folder, arguments.campaigns, arguments.seed, arguments.rigs)
         if arguments.step in ("diagnose", "all"):
             diagnose_all(folder, arguments.budget, arguments.only)
         if arguments.step == "oracle":
@@ -47,6 +48,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("folder", type=Path, help="where everything of one check lies")
     parser.add_argument("--campaigns", type=int, default=120)
     parser.add_argument("--seed", type=int, default=1, help="draws the campaigns")
+    parser.add_argument("--rigs", nargs="+", choices=RIGS, default=RIGS, help="of which they are drawn")
     parser.add_argument("--budget", type=float, default=60.0, help="seconds for each diagnosis")
     parser.add_argument("--only", nargs="*", default=(), help="diagnose only these campaigns")
     parser.add_argument("--discard-logs", action="store_true", help="remove the logs once all is scored")

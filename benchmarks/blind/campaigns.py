@@ -62,10 +62,12 @@ class _Plan:
     outsider: Outsider | None = None
 
 
-def draw_campaigns(count: int, seed: int, outside: Outsiders) -> tuple[Campaign, ...]:
-    """Draw `count` campaigns; the same seed and the same `outside` effects give the same campaigns."""
+def draw_campaigns(
+    count: int, seed: int, outside: Outsiders, rigs: Sequence[str] = RIGS
+) -> tuple[Campaign, ...]:
+    """Draw `count` campaigns of `rigs`; the same seed and `outside` effects give the same campaigns."""
     rng = np.random.default_rng(seed)
-    plans = _plans(count, outside, rng)
+    plans = _plans(count, outside, rigs, rng)
     order = rng.permutation(len(plans))
     return tuple(_campaign(f"c{place:03d}", plans[index], rng) for place, index in enumerate(order))
 
@@ -79,25 +81,25 @@ def numbers_of_kinds(count: int) -> dict[Kind, int]:
     return numbers
 
 
-def _plans(count: int, outside: Outsiders, rng: np.random.Generator) -> list[_Plan]:
+def _plans(count: int, outside: Outsiders, rigs: Sequence[str], rng: np.random.Generator) -> list[_Plan]:
     numbers = numbers_of_kinds(count)
     return [
-        *islice(_singles(rng), numbers["single"]),
-        *islice((_Plan(rig, "none") for rig in cycle(RIGS)), numbers["none"]),
-        *islice(_pairs(rng), numbers["pair"]),
-        *islice(_outsiders(outside, rng), numbers["outside"]),
+        *islice(_singles(rigs, rng), numbers["single"]),
+        *islice((_Plan(rig, "none") for rig in cycle(rigs)), numbers["none"]),
+        *islice(_pairs(rigs, rng), numbers["pair"]),
+        *islice(_outsiders(outside, rigs, rng), numbers["outside"]),
     ]
 
 
-def _singles(rng: np.random.Generator) -> Iterator[_Plan]:
+def _singles(rigs: Sequence[str], rng: np.random.Generator) -> Iterator[_Plan]:
     """Every effect of every rig once, then again: as balanced as the number allows."""
-    every = [_Plan(rig, "single", (name,)) for rig in RIGS for name in CATALOGUE[rig]]
+    every = [_Plan(rig, "single", (name,)) for rig in rigs for name in CATALOGUE[rig]]
     while True:
         yield from (every[index] for index in rng.permutation(len(every)))
 
 
-def _pairs(rng: np.random.Generator) -> Iterator[_Plan]:
-    for rig in cycle(RIGS):
+def _pairs(rigs: Sequence[str], rng: np.random.Generator) -> Iterator[_Plan]:
+    for rig in cycle(rigs):
         names = list(CATALOGUE[rig])
         chosen = frozenset[str]()
         while not chosen or chosen == _ONE_STIFFNESS:
@@ -106,9 +108,9 @@ def _pairs(rng: np.random.Generator) -> Iterator[_Plan]:
         yield _Plan(rig, "pair", (first, second))
 
 
-def _outsiders(outside: Outsiders, rng: np.random.Generator) -> Iterator[_Plan]:
-    turns = {rig: cycle(rng.permutation(len(outside[rig]))) for rig in RIGS}
-    for rig in cycle(RIGS):
+def _outsiders(outside: Outsiders, rigs: Sequence[str], rng: np.random.Generator) -> Iterator[_Plan]:
+    turns = {rig: cycle(rng.permutation(len(outside[rig]))) for rig in rigs}
+    for rig in cycle(rigs):
         yield _Plan(rig, "outside", outsider=outside[rig][next(turns[rig])])
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from benchmarks.blind.campaigns import Campaign, draw_campaigns
+from benchmarks.blind.campaigns import RIGS, Campaign, draw_campaigns
 from benchmarks.blind.engines import engine_of, outside_effects
 from benchmarks.blind.logs import run_names, write_campaign
 from benchmarks.blind.seal import seal
@@ -20,9 +20,9 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def make(folder: Path, count: int, seed: int) -> None:
-    """Draw, seal and record `count` campaigns; what is recorded already stays."""
-    campaigns = draw_campaigns(count, seed, outside_effects())
+def make(folder: Path, count: int, seed: int, rigs: Sequence[str] = RIGS) -> None:
+    """Draw, seal and record `count` campaigns of `rigs`; what is recorded already stays."""
+    campaigns = draw_campaigns(count, seed, outside_effects(), rigs)
     print(f"answers sealed: sha256 {seal(folder, campaigns)}", flush=True)
     with workers() as pool:
         for done, name in enumerate(each_done(pool, partial(_recorded, folder), campaigns), 1):

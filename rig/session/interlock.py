@@ -165,14 +165,17 @@ class ForceWatch:
         off_hz = turned * self._rate / (2 * np.pi * samples) if whole and samples else math.nan
         self.frequency_hz = self._nominal_hz + off_hz
 
-    def unlike(self, ordered: float) -> str:
-        """How the force is not what was ordered, N, by far, and what to look at; empty where it is."""
+    def unlike(self, ordered: float, driven: bool = True) -> str:
+        """How the force is not what was ordered, N, by far, and what to look at; empty where it is.
+
+        Where nothing is `driven`, no force is too little.
+        """
         if not math.isfinite(self._force):
             return f"{self.channel.name} shows no number"
         shown, faint = self.shown(ordered), _FAINT * self.highest
         if self._force > _BEYOND_ORDER * shown + faint:
             check = "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
-        elif self._force < _DEAD * shown - faint:
+        elif driven and self._force < _DEAD * shown - faint:
             check = "the sensor and its cable, without which nothing guards the bench; the amplifier"
         else:
             return ""

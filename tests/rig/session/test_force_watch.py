@@ -65,6 +65,11 @@ def test_hardly_any_force_is_no_danger_however_much_more_or_less_than_ordered() 
     assert shown(0.0)[0].unlike(0.3) == ""
 
 
+def test_where_nothing_is_driven_no_force_is_too_little() -> None:
+    assert shown(0.0)[0].unlike(1.125, driven=False) == ""
+    assert shown(11.0)[0].unlike(1.125, driven=False)
+
+
 def test_a_sensor_that_shows_no_number_does_not_hide_what_comes_after_it() -> None:
     watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
     assert watch.take(np.full(BLOCK, np.nan)) == ""
