@@ -38,6 +38,7 @@ def test_an_effect_from_the_list_is_taken_and_one_that_is_not_is_called_unknown(
     assert "clearance" in {effect["name"] for effect in listed}
     file.write_text('[{"name": "clearance", "parameters": {"scale": 1.6}}]')
     assert call(*predict).code == 0
+    (tmp_path / "twin.mcap").unlink()
     file.write_text('[{"name": "clearences", "parameters": {"scale": 1.6}}]')
     refused = call(*predict)
     assert refused.code == 2

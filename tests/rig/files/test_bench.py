@@ -324,4 +324,4 @@ def test_faults_to_rehearse_are_of_what_is_emulated_and_are_known() -> None:
         parse_bench('[emulation]\nfaults = ["inverter.trips", "disk.ful"]\n', "x", Path())
     trips, unknown = caught.value.problems
     assert (trips.key, trips.allowed) == ("emulation.faults", "none: [inverter] is not emulated here")
-    assert unknown.allowed.endswith("disk.stalls, disk.slow, disk.full, disk.fails")
+    assert unknown.allowed.endswith("disk.full, disk.fails, disk.sync_fails, disk.close_fails")
