@@ -91,6 +91,8 @@ def test_rod_has_the_closed_frequencies() -> None:
     assert modes.swing == pytest.approx(rod.length / 2 * modes.sway, rel=1e-5)
 
 
+@pytest.mark.long
+@pytest.mark.timeout(600)
 def test_first_peaks_converge_with_the_step() -> None:
     coarse, fine, finest = (from_rest(rate) for rate in (102_400, 204_800, 819_200))
     for contact in (SOCKET, 2, 6):
