@@ -170,6 +170,7 @@ class Terminal:
             env=os.environ | {"TERM": "xterm", "COLUMNS": "100", PORT_VARIABLE: "0"},
         )
         self._ours, self._theirs, self.shown = ours, theirs, b""
+        self._helpers: list[psutil.Process] = []
         self._reading = threading.Thread(target=self._read, daemon=True)
         self._reading.start()
 
@@ -180,11 +181,15 @@ class Terminal:
     def enter(self) -> None:
         os.write(self._ours, b"\n")
 
+    def note_helpers(self) -> None:
+        """While it lives: those of a run that was killed are nobody's."""
+        self._helpers += _family(self.run.pid)
+
     def close(self) -> None:
-        helpers = _family(self.run.pid)
+        self.note_helpers()
         self.run.kill()
         self.run.wait()
-        for each in helpers:  # a supervisor that goes on is held by nothing here any more
+        for each in self._helpers:  # a supervisor that goes on is held by nothing here any more
             with suppress(psutil.NoSuchProcess):
                 each.kill()
         os.close(self._theirs)
@@ -341,6 +346,7 @@ def once(rig: str, way: str, rng: Random) -> dict[str, float]:
         _await(lambda: bench.drives, _PATIENCE_S, terminal)
         if way != "limit":
             time.sleep(rng.uniform(0.0, _AFTER_S))
+        terminal.note_helpers()
         return WAYS[way](bench, terminal, folder, rng)
 
 

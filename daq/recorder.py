@@ -47,7 +47,7 @@ class Recorder:
             for name, look in each_s
         ]
         self._failure: RecorderFailed | None = None
-        self._writes = True  # until a write or a sync has failed
+        self._writes = True  # until a write has failed
         self._last_words = deque[Callable[[], None]](maxlen=_LAST_WORDS)
         self._begun_s = clock.monotonic_s()
         self._told_short, self._news = False, deque[Event]()

@@ -151,7 +151,7 @@ def _names(address: str) -> list[str]:
     if host is None:
         return [name]
     resolved = host[2]
-    with suppress(OSError):
+    with suppress(OSError, UnicodeError):  # what is no name of a host either
         resolved = socket.gethostbyname(host[2])
     now = f"{host[1]}{resolved}{name[host.end() :]}"
     # an instrument has two doors; other ports may be other instruments, of a serial server

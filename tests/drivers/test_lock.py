@@ -74,6 +74,11 @@ def test_the_lock_is_where_every_user_of_the_machine_finds_it(
         assert [path.parent for path in folder.glob("**/*.lock")] == [everybodys]
 
 
+def test_what_is_no_name_of_a_host_is_locked_as_it_is_written() -> None:
+    with lock("generator", f"TCPIP::{'x' * 300}::5025::SOCKET"):
+        pass
+
+
 def test_two_ports_of_a_serial_server_are_two_instruments() -> None:
     with lock("generator", "TCPIP::127.0.0.1::4001::SOCKET"):
         assert_free("TCPIP::127.0.0.1::4002::SOCKET")
