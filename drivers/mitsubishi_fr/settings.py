@@ -92,7 +92,7 @@ class InverterSettings:
     parity: Annotated[Literal["E", "O", "N"], Key()] = "E"
     answer_s: Annotated[float, Quantity("s", 0.05, 2, key="answer")] = 0.2
     poll_s: Annotated[float, Quantity("s", 0.02, 0.5, key="poll")] = 0.1
-    silent_s: Annotated[float, Quantity("s", 0.2, 5, key="silent")] = 0.8
+    silent_s: Annotated[float, Quantity("s", 0.2, 5, key="silent")] = 0.7
     unattended_s: Annotated[float, Quantity("s", 1, 60, key="unattended")] = 5.0
     emulated: Annotated[bool, Key()] = False
     name: str = "inverter"

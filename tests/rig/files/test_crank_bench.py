@@ -129,7 +129,7 @@ def test_an_emulated_encoder_needs_nothing_else() -> None:
         (changed("station = 1", "station = 0"), "inverter.station", "a whole number from 1 to 247"),
         (changed("= 19200", "= 19201"), "inverter.baudrate", "4800 or 9600 or 19200 or 38400"),
         (changed('"E"', '"even"'), "inverter.parity", '"E" or "O" or "N"'),
-        (changed('# silent = "0.8 s"', 'silent = "0.2 s"'), "inverter.silent", "longer than answer, 0.2 s"),
+        (changed('# silent = "0.7 s"', 'silent = "0.2 s"'), "inverter.silent", "longer than answer, 0.2 s"),
         (changed("node = 7", "node = 128"), "encoder.node", "a whole number from 1 to 127"),
         (changed("node = 7", "nod = 7\nnode = 7"), "encoder.nod", "did you mean node?"),
         (changed('host = "127.0.0.1"', 'host = "10.0.0.8"'), "encoder.host", "an SSH tunnel"),
