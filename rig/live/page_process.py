@@ -48,7 +48,7 @@ def tell_page(pipe: Connection, onward: Connection, page_port: int) -> None:
                 case _ if not isinstance(frame, _OF_THE_PAGE_ALONE):
                     if isinstance(frame, Layout):
                         time_line.maximum_bytes = queue_bytes(frame)
-                    time_line.pass_on(pickled)
+                    time_line.pass_on(pickled, ages=False)
         state.end()
 
 
