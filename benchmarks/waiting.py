@@ -57,6 +57,20 @@ sample_rate = "25.6 kHz"
 settle = "1 s"
 duration = "{seconds:g} s"
 """
+POINTS_OF_TWO = """\
+[sweep]
+name = "two points of {seconds:g} s"
+[scenario]
+rig = "impact_beam"
+[scenario.drive]
+frequency = "20 Hz"
+[scenario.acquisition]
+sample_rate = "51.2 kHz"
+settle = "0.5 s"
+duration = "{seconds:g} s"
+[axes]
+"drive.amplitude" = {{ from = "8 N", to = "10 N", steps = 2 }}
+"""
 SWEEP = """\
 [sweep]
 name = "27 points"
@@ -98,6 +112,10 @@ def commands(folder: Path, size: float) -> Iterator[tuple[object, ...]]:
     long.write_text(BEAM.format(seconds=20 * size))
     large, table = folder / f"large {size:g}.mcap", folder / f"table {size:g}.csv"
     drawn, log = folder / f"drawn {size:g}.mcap", folder / f"run {size:g}.mcap"
+    swept = folder / f"sweep {size:g}.toml"
+    swept.write_text(POINTS_OF_TWO.format(seconds=2 * size))
+    yield "run", beam, "--out", folder / "runs"
+    yield "sweep", swept, "--out", folder / f"swept {size:g}"
     yield "predict", beam, "--seed", 1, "--out", drawn
     yield "export", drawn, "--to", "csv", "--channels", "drive.force,contact.*,yoke.*", "-o", table
     as_measured(table)
