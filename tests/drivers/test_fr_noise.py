@@ -20,7 +20,7 @@ def test_a_bad_line_holds_the_speed_or_stops_the_motor(name: str, seed: int) -> 
     outcome = one(seed, *LINES[name], seconds=1.5, patience=PATIENCE)
     assert outcome.held or (outcome.stopped_safely and name != MUST_HOLD)
     assert outcome.wrong == ()
-    assert outcome.believed > 2
+    assert outcome.believed >= 2
     assert outcome.unanswered > 0 or name == MUST_HOLD
 
 
