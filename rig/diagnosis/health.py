@@ -82,9 +82,7 @@ def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
         if run.left_out:
             within += f", but nobody knows of {listed(run.left_out)}"
         return Verdict(None if run.left_out else True, (f"{within}.", f"{known} {most}", *remarks))
-    named = [
-        f"{place.channel}, {_size(place)}, {_spot(place.worst)}" for place in (beyond or channels)[:_NAMED]
-    ]
+    named = [f"{place.channel}, {_size(place)}, {_why(place)}" for place in (beyond or channels)[:_NAMED]]
     more = len(beyond) - len(named)
     where = f"Most in {'; in '.join(named)}" + (f"; and in {more} more." if more > 0 else ".")
     next_step = f"What causes it: rattle diagnose {log} --out answer"
@@ -93,6 +91,15 @@ def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
 
 def _size(place: Place) -> str:
     return f"gap {place.gap:.2f} (healthy up to {place.farthest:.2f})"
+
+
+def _why(place: Place) -> str:
+    """What of a channel is off, in words: where it is farthest, or that all of a kind is so."""
+    level = place.level
+    if place.gap_beyond or level is None or not level.beyond:
+        return _spot(place.worst)
+    than = "higher" if level.off > 0 else "lower"
+    return f"its {level.what} {than} throughout, {abs(level.off):.1f} deviations of healthy rigs"
 
 
 def _spot(cell: Cell) -> str:
