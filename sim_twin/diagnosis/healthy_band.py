@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import jarque_bera
 
 from sim_twin.diagnosis.fingerprint import Cell, Layout
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 _LEAST = 1e-3
 _ALONE = 4.5
 """Deviations: the largest of hundreds of normal numbers lies nearer."""
+_NORMAL = 0.05
+"""Of healthy rigs with normal levels so many look otherwise."""
 _LEAST_SPREAD = 0.02
 """Of logarithms of gaps and of levels: few rigs may not pretend less."""
 
@@ -63,7 +66,8 @@ class HealthyBand:
     logarithm of the gap over all cells and over those of each channel, and of the level of each kind of
     figure, in floors. `limits`, so too, are in deviations the most that any rig lies off the mean anywhere,
     gaps above it, so that one healthy rig in so many lies beyond. A place where one rig is far from all
-    others, such as a point that is hardly ever struck, has a limit of its own.
+    others, such as a point that is hardly ever struck, has a limit of its own, and a level that does not
+    scatter as a normal number does has none: gaps judge it.
     """
 
     measure: GapMeasure
@@ -76,8 +80,8 @@ class HealthyBand:
     def places(self, blocks: NDArray[np.floating]) -> list[Place]:
         """All of a run's fingerprints (blocks, numbers) first, then its channels, the farthest off first."""
         cells, layout = self.measure.cells(blocks), self.measure.layout
-        gaps = np.exp(_figures(self.measure, blocks) - self.typical)
-        off = (_figures(self.measure, blocks) - self.typical) / self.spread
+        apart = _figures(self.measure, blocks) - self.typical
+        off = apart / self.spread
         levels: dict[str, list[Level]] = {}
         places = _places(layout)
         for (channel, what), far, limit in zip(
@@ -91,7 +95,7 @@ class HealthyBand:
             beyond = bool(off[number] > self.limits[number])
             farthest = float(np.exp(self.farthest[number] - self.typical[number]))
             level = max(levels.get(channel, []), key=lambda each: (each.beyond, abs(each.off)), default=None)
-            found.append(Place(channel, float(gaps[number]), farthest, beyond, worst, level))
+            found.append(Place(channel, float(np.exp(apart[number])), farthest, beyond, worst, level))
         whole, *channels = found
         order = np.argsort(-off[1 : len(places)], kind="stable")
         named = sorted((channels[k] for k in order), key=lambda place: not place.beyond)
@@ -112,6 +116,9 @@ def healthy_band(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> Hea
     most = np.concatenate([off[:, :gaps].max(axis=0), np.abs(off[:, gaps:]).max(axis=0)])
     alike = most < _ALONE
     limits = np.where(alike, most[alike].max(initial=0.0), most)
+    with np.errstate(invalid="ignore"):  # of a figure that is the same in all
+        skewed = jarque_bera(off[:, gaps:], axis=0).pvalue < _NORMAL
+    limits[gaps:][skewed | ~alike[gaps:]] = np.inf
     measure = gap_measure(healthy, layout)
     return HealthyBand(measure, typical, spread, figures.max(axis=0), limits, len(healthy))
 
