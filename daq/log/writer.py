@@ -268,19 +268,21 @@ class LogWriter:
         return self._writer._Writer__chunk_builder.record_writer  # type: ignore[attr-defined, no-any-return]
 
     def _end_chunk(self) -> None:
-        """Its bytes go to the system, and a checksum of all so far: they outlive this process."""
         self._guard(self._writer.flush)
         self._checksum()
-        self._guard(self._file.flush)
         self._chunk_opened_ns = 0
 
     def _checksum(self) -> None:
-        """Of all so far: between two of them each record can be checked alone."""
+        """Of all so far, which goes to the system and outlives this process: what tells of a run comes first.
+
+        Between two of them each record can be checked alone.
+        """
         record: RecordBuilder = self._writer._Writer__record_builder  # type: ignore[attr-defined]
         record.start_record(CHECKSUM_OPCODE)  # type: ignore[arg-type]
         record.write4(self._writer._Writer__data_section_crc)  # type: ignore[attr-defined]
         record.finish_record()
         self._guard(self._writer._Writer__flush)  # type: ignore[attr-defined]
+        self._guard(self._file.flush)
 
     def _guard(self, write: Callable[[], object]) -> None:
         if self._failed is not None:
