@@ -22,7 +22,9 @@ import numpy as np
 from playwright.sync_api import sync_playwright
 
 from benchmarks.recording_load import SCENARIO, _beam_bench
+from daq.log.reader import LogReader
 from rig.live.page_server import PORT_VARIABLE, PageServer, stop_page
+from tests.accounting import late_s
 from tests.rig.browser import CHROMIUM, PLACES, TRACED, faults_of_texts
 
 ROOT = Path(__file__).parents[1]
@@ -102,6 +104,8 @@ def _measure(arguments: argparse.Namespace, channels: int, folder: Path, port: i
         browser.close()
     if run.returncode:
         return run.returncode
+    with LogReader(next(folder.glob("*.mcap"))) as log:
+        print(f"samples came to the run   up to {late_s(log):.2f} s late, by what emulates the card")
     print(f"texts cut or overlapping  {'; '.join(faults) or 0}")
     print(f"channels with all traces  {traced} of {channels}")
     return max(_report(looks, first_s), int(bool(faults) or traced != channels))
