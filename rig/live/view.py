@@ -32,7 +32,7 @@ _WINDOW_S, _CYCLES = 3.0, 8
 _QUEUE_BYTES_A_TRACE = 512 << 10
 """2.5 s at 51.2 kHz: a twin that has just aligned sends its first seconds at once."""
 _LEAST_TRACES = 32
-_PATIENCE_S = 1.0
+_PATIENCE_S = 0.7
 """The page is at most that far behind the newest sample, and what it takes to draw it."""
 _PERIOD_S = 0.05
 """Records leave in batches: one wake-up of the thread in 50 ms, not one a block, and no eye sees 50 ms."""
