@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from daq.log.reader import LogReader, Origin
+from rig.derived.settings import from_record
 from tests.end_to_end.command import rattle
 from tests.end_to_end.files import write_bench, write_scenario
 
@@ -44,8 +45,11 @@ def test_what_the_gauge_shows_lies_over_its_prediction(tmp_path: Path) -> None:
             origin: float(np.abs(log.series(origin, "drive.force").values).max())
             for origin in ("measured", "predicted")
         }
+        settled = from_record(log.metadata["derived"])
     # a healthy drive is off by 1 %, of one deviation; what chatters adds as much over 80 cycles
     assert abs(measured) == pytest.approx(abs(predicted), rel=0.06)
     assert cmath.phase(measured / predicted) == pytest.approx(0.0, abs=np.deg2rad(2))
+    assert settled["measured"].cycle_hz == pytest.approx(HZ, rel=1e-3)
+    assert "cannot be followed" not in ended.log.with_suffix(".html").read_text(encoding="utf-8")
     # the coil's own would be 9 N and no more: the gauge feels the impacts
     assert min(largest.values()) > 2 * ORDERED_N
