@@ -27,7 +27,7 @@ from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import Columns
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 from sim_twin.rigs.cycles import FOLLOWS, Cycles
-from sim_twin.sensors import Encoder, anti_alias_taps
+from sim_twin.sensors import Encoder, SensorChain, anti_alias_taps
 from sim_twin.twin import AnyTwin
 
 _SPOILT = {Flag.OVERLOAD: "overloaded", Flag.OPEN_SENSOR: "open", Flag.NOT_FINITE: "not finite"}
@@ -461,9 +461,16 @@ def _resampled(table: Mapping[str, Lossy], twin: AnyTwin, reference: str) -> _On
         first = np.floor(at + 1e-6).astype(np.intp)
         end = np.minimum(np.ceil(at + own / rate - 1e-6).astype(np.intp), len(each.lost))
         sound &= lost[np.maximum(end, first)] == lost[first]
-        values, smooth = _filled(each), name in angles
+        values, smooth = _filled(each), name in angles and not _low_passed(twin, name)
         records[name], quiet[name] = _sampled(values, at, 1 if smooth else steps[name], own / rate, smooth)
     return _OnGrid(rate, records, sound, quiet, slow)
+
+
+def _low_passed(twin: AnyTwin, name: str) -> bool:
+    """Whether a filter is behind a sensor, whose noise does not stay as dense where samples are left out."""
+    sensor = twin.sensors.get(name)
+    stages = sensor.stages if isinstance(sensor, SensorChain) else None
+    return stages is not None and stages.low_pass is not None
 
 
 def _sample_at(series: SampleBlock, time_ns: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -116,6 +117,21 @@ def test_healthy_rigs_are_looked_at_for_as_long_as_a_whole_run(
         band_of(run, "", 8, screen())
         assert asked == [blocks] * 8
         asked.clear()
+
+
+def test_of_the_noise_of_a_filtered_drive_as_much_is_left_as_of_any_other(tmp_path: Path) -> None:
+    """Of a drive without a filter every second sample is taken, whose noise is as strong as that of all."""
+    chain = {"chain.drive.force": json.dumps({"filter": {"corner_hz": 1718.0, "order": 6}})}
+    left = [
+        recorded_alone(
+            write_log(tmp_path / f"{number}.mcap", 2.0, origins=["measured"], scenario=RUN, bench=bench), 20.0
+        )
+        .campaign.runs[0]
+        .quiet
+        for number, bench in enumerate(({}, chain))
+    ]
+    assert [each["drive.force"] for each in left] == [1.0, left[1]["yoke.force"]]
+    assert left[1]["yoke.force"] == pytest.approx(0.7, abs=0.01)
 
 
 def test_a_band_hangs_on_the_code_of_a_rig_from_another_package(tmp_path: Path) -> None:
