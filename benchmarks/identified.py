@@ -5,10 +5,11 @@ times as far off as healthy rigs lie, records two runs of each and has `rattle i
 `rattle gap` and its own file; `effects` hides one effect in each of the rigs that were identified, and in a
 nominal one, and has `rattle diagnose` name it; `healthy` records healthy rigs of tolerances twice as wide and
 counts those that lie outside of the healthy band, with and without what `rattle calibrate --spread` learnt of
-five others. Every rig's result is a file in DIR: what is there is not done again, so that it can be stopped.
-`score` prints.
+five others. Every rig's result is a file in DIR: what is there is not done again, so parts of it add up, and
+a search that is stopped or runs out of time goes on where it was. `score` prints.
 
-Usage: python -m benchmarks.identified {rigs,effects,healthy,score} DIR [--count 20] [--seed 1] [--only RIG]
+Usage: python -m benchmarks.identified {rigs,effects,healthy,score} DIR [--more N] [--only RIG] [--count 20]
+    [--seed 1] [--budget SECONDS]
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,10 +58,11 @@ FREE: Final = {
         ),
     ),
 }  # fmt: skip
-RUNS, BUDGET_S = 2, 3600
+RUNS, BUDGET_S = 2, {"rigs": 3600.0, "effects": 60.0}
 LEARN, WIDER, HEALTHY, LONGEST_S = 5, 2.0, 48, 20.0
 FARTHEST: Final = 2.0
 """Of ten healthy deviations: farther no rig lies."""
+_OUT_OF_TIME: Final = "time ran out"
 _FRAMES: Final = {"crank_y": CRANK_Y, "crank_x": CRANK_X, "piston_y": PISTON_Y}
 
 
@@ -156,11 +157,9 @@ def _children_s() -> float:
     return spent.ru_utime + spent.ru_stime
 
 
-def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
+def identify_rig(folder: Path, rig: str, number: int, seed: int, budget_s: float) -> None:
     """Draw, record and identify one rig; its result.json says what came of it."""
-    result = folder / "result.json"
-    if result.exists():
-        return
+    result, spent = folder / "result.json", folder / "spent.json"
     rng = np.random.default_rng([seed, number, rig == CRANK])
     points = points_of(rig, RUNS, rng)
     values = drawn_values(rig, points[0], rng)
@@ -168,10 +167,16 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
     model, began, cpu_s = folder / "model.toml", time.monotonic(), _children_s()
     free = ",".join(FREE[rig])
     code, told = rattle(
-        folder / "identify.txt", "identify", *paths, "--free", free, "-o", model, "--budget", BUDGET_S
+        folder / "identify.txt", "identify", *paths, "--free", free, "-o", model, "--budget", budget_s
     )
+    before = json.loads(spent.read_text()) if spent.exists() else [0.0, 0.0]
+    took = before[0] + time.monotonic() - began, before[1] + _children_s() - cpu_s
+    if code and _OUT_OF_TIME in told:
+        spent.write_text(json.dumps(took))
+        print(f"{folder.name}: not done after {took[0]:.0f} s; it goes on there", flush=True)
+        return
     found: dict[str, Any] = {"rig": rig, "truth": values, "code": code, "told": told[-2000:]}
-    found |= {"wall_s": time.monotonic() - began, "cpu_s": _children_s() - cpu_s}
+    found |= {"wall_s": took[0], "cpu_s": took[1]}
     if code == 0:
         known = load_model(model, rig)
         found["identified"] = {
@@ -188,8 +193,6 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int) -> None:
 def diagnose_effect(folder: Path, rig: str, number: int, seed: int, budget_s: float) -> None:
     """Hide one effect in the identified rig, and the same in a nominal one; effect.json says who named it."""
     result, model = folder / "effect.json", folder / "model.toml"
-    if result.exists() or not model.exists():
-        return
     truth = json.loads((folder / "result.json").read_text())["truth"]
     rng = np.random.default_rng([seed, number, rig == CRANK, 1])
     causes = list(CATALOGUE[rig].values())
@@ -217,8 +220,8 @@ def _as_it_is(rig: Any) -> Any:
     return rig
 
 
-def judge_healthy(folder: Path, rig: str, count: int, seed: int) -> None:
-    """Rigs of tolerances twice as wide: five to learn from, and others that are judged; healthy.json."""
+def judge_healthy(folder: Path, rig: str, count: int, seed: int, more: int) -> int:
+    """Rigs of tolerances twice as wide: five to learn from, at most `more` that are judged (how many)."""
     point = points_of(rig, 1, np.random.default_rng([seed, rig == CRANK, 2]))
     learn = [
         path
@@ -231,10 +234,10 @@ def judge_healthy(folder: Path, rig: str, count: int, seed: int) -> None:
         if code:
             raise SystemExit(told)
         print(told, flush=True)
-    for number in range(count):
-        result = folder / f"healthy{number:02d}.json"
-        if result.exists():
-            continue
+    results = {number: folder / f"healthy{number:02d}.json" for number in range(count)}
+    open_ones = [number for number, result in results.items() if not result.exists()][:more]
+    for number in open_ones:
+        result = results[number]
         (path,) = recorded_runs(folder / f"rig{number:02d}", rig, point, 8000 + number, wider=WIDER)
         plain, known = recorded_alone(path, LONGEST_S), load_model(lab, rig)
         campaign = campaign_with_model(plain.campaign, known, [plain.scenario], print)
@@ -249,6 +252,7 @@ def judge_healthy(folder: Path, rig: str, count: int, seed: int) -> None:
             f"{result.stem}: beyond the usual band {found['usual']}, beyond the lab's {found['own']}",
             flush=True,
         )
+    return len(open_ones)
 
 
 def score(folder: Path) -> None:
@@ -290,6 +294,10 @@ def _score_values(rig: str, results: Sequence[Mapping[str, Any]]) -> None:
         print(f"  seconds, medians: {wall_s:.0f} of wall time, {cpu_s:.0f} of processors")
 
 
+_STEPS: Final = {"rigs": ("result.json", identify_rig), "effects": ("effect.json", diagnose_effect)}
+"""What each writes of a rig, and does."""
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Do what the command line says."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identified", description=__doc__)
@@ -298,18 +306,26 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=20, help="rigs a kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=(BEAM, CRANK))
-    parser.add_argument("--budget", type=float, default=60.0, help="seconds for each diagnosis")
+    parser.add_argument("--more", type=int, default=1000, help="do at most so many")
+    parser.add_argument("--budget", type=float, help="seconds of each search or diagnosis")
     asked = parser.parse_args(arguments)
     rigs = (asked.only,) if asked.only else (BEAM, CRANK)
     if asked.step == "healthy":
+        more = asked.more
         for rig in rigs:
-            judge_healthy(asked.folder / f"{rig}_healthy", rig, asked.count, asked.seed)
-    for number, rig in product(range(asked.count), rigs):
-        folder = asked.folder / f"{rig}_{number:02d}"
-        if asked.step == "rigs":
-            identify_rig(folder, rig, number, asked.seed)
-        elif asked.step == "effects":
-            diagnose_effect(folder, rig, number, asked.seed, asked.budget)
+            more -= judge_healthy(asked.folder / f"{rig}_healthy", rig, asked.count, asked.seed, more)
+    if asked.step in _STEPS:
+        result, do = _STEPS[asked.step]
+        every = [
+            (asked.folder / f"{rig}_{number:02d}", rig, number)
+            for number in range(asked.count)
+            for rig in rigs
+        ]
+        open_ones = [each for each in every if not (each[0] / result).exists()]
+        if asked.step == "effects":  # in rigs that were identified
+            open_ones = [each for each in open_ones if (each[0] / "model.toml").exists()]
+        for folder, rig, number in open_ones[: asked.more]:
+            do(folder, rig, number, asked.seed, asked.budget or BUDGET_S[asked.step])
     score(asked.folder)
     return 0
 

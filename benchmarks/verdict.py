@@ -90,7 +90,7 @@ def of_rig(name: str, runs: int, executor: Executor, screen: Screen) -> tuple[in
     quiet = dict.fromkeys(twin.channels, left)
     campaign = Campaign((setting_of(twin, twin.channels, RATE, whole, quiet),))
     blocks = whole // campaign.runs[0].cycles
-    band = band_of(AloneRun(scenario, campaign, np.empty((0, 0), np.float32)), "", 48, screen)
+    band = band_of(AloneRun(scenario, campaign, np.empty((0, 0), np.float32), blocks=blocks), "", 48, screen)
     if band is None:
         raise SystemExit("no healthy band")
     healthy = [Draw((), 10_000 + seed, blocks=blocks) for seed in range(max(runs, OF_SPREAD))]

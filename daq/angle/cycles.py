@@ -19,7 +19,7 @@ END = 1 << 62
 """Past every sample."""
 _WINDOW_S = 1.0
 _POINTS_A_CYCLE = 16
-_WORST_RESIDUAL = 0.5
+WORST_RESIDUAL = 0.5
 """Rms, as a share of the amplitude: a drive with strong harmonics stays below 0.2, noise alone does not."""
 Array = NDArray[np.float64]
 KEPT_S = 8.0
@@ -97,12 +97,16 @@ class DriveCycles:
 
     Each second of the drive (whole cycles) is fitted at that frequency, and the phase found holds for the
     second but one after it, so that begins are known ahead of every channel: a clock that is off by some ppm
-    adds up to nothing. A second that shows no such sine, or has samples missing, leaves the phase as it is.
+    adds up to nothing. A second that shows no such sine (beside it more than `worst` of its amplitude, rms),
+    or has samples missing, leaves the phase as it is.
     """
 
-    def __init__(self, sample_rate: float, frequency: float, phase: float) -> None:
+    def __init__(
+        self, sample_rate: float, frequency: float, phase: float, worst: float = WORST_RESIDUAL
+    ) -> None:
         self.begins = KnownBegins()
         self._rate, self._frequency, self._step = sample_rate, frequency, frequency / sample_rate
+        self._worst = worst
         cycles = max(round(_WINDOW_S * frequency), 1)
         self._window = round(cycles * sample_rate / frequency)
         self._mean_of = max(int(sample_rate / (frequency * _POINTS_A_CYCLE)), 1)
@@ -176,7 +180,7 @@ class DriveCycles:
         if not np.isfinite(points).all():
             return 0.0
         fit = fit_sine(points, self._rate / self._mean_of, self._frequency, hold_frequency=True)
-        if not 0.0 < fit.residual < _WORST_RESIDUAL * fit.amplitude:
+        if not 0.0 < fit.residual < self._worst * fit.amplitude:
             return 0.0
         first = self._end - self._window + (self._mean_of - 1) / 2
         late = fit.phase / tau - (first * self._step + offset)

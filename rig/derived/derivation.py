@@ -24,6 +24,7 @@ from rig.derived.settings import (
     says_impacts,
 )
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Metadata, Record
 from rig.worker_process import QUEUE_ITEMS, Crew, WorkerFailed, WorkerProcess
 from sim_twin.rigs.channel_table import Role
@@ -35,7 +36,8 @@ class Derivation:
     """Derives each origin by itself, in the thread that brings the blocks; one thread at a time.
 
     `channels` are those of each origin. `known` is what a log says was settled when it was recorded; what it
-    does not say is settled by the rule, and published as a metadata record.
+    does not say is settled by the rule, and published as a metadata record. `gauged`: a gauge in the stinger
+    shows the drive.
     """
 
     def __init__(
@@ -44,10 +46,11 @@ class Derivation:
         channels: Mapping[Origin, Iterable[str]],
         scenario: Scenario | None,
         known: Mapping[str, Settings] | None = None,
+        gauged: bool = False,
     ) -> None:
         from rig.derived.per_source import OriginDeriver  # with the compiler, which who records need not load
 
-        nominal = None if scenario is None else nominal_of(scenario)
+        nominal = None if scenario is None else nominal_of(scenario, gauged)
         self._publish = publish
         self._known = dict(known or {})
         self._derivers: dict[Origin, OriginDeriver] = {}
@@ -81,14 +84,16 @@ def derivation_of(log: LogReader, publish: Consumer) -> Derivation:
 
     Where it does not say, by the same rule; without a scenario there are impacts, but no cycles.
     """
+    from rig.twin.chains import gauged
     from rig.twin.logged import scenario_of  # with the twins, which who records need not load
 
     try:
         scenario = scenario_of(log)
     except (LogError, ConfigurationError):
         scenario = None
+    by_gauge = scenario is not None and gauged(log.metadata.get("run", {}), RIGS[scenario.rig].channels.drive)
     names = {origin: list(log.channels(origin)) for origin in ORIGINS}
-    return Derivation(publish, names, scenario, from_record(log.metadata.get(RECORD, {})))
+    return Derivation(publish, names, scenario, from_record(log.metadata.get(RECORD, {})), by_gauge)
 
 
 def impacts_of(log: LogReader) -> list[Impact]:
@@ -133,6 +138,7 @@ class Derive:
 
     channels: Mapping[Origin, tuple[str, ...]]
     scenario: Scenario
+    gauged: bool
 
     def prepare(self) -> None:
         from daq.signals.running_figures import warm_up
@@ -140,7 +146,7 @@ class Derive:
         warm_up()
 
     def run(self, blocks: Iterator[Block], send: Callable[[object], None]) -> None:
-        derivation = Derivation(send, self.channels, self.scenario)
+        derivation = Derivation(send, self.channels, self.scenario, gauged=self.gauged)
         for block in blocks:
             derivation(block)
         derivation.finish()
@@ -161,11 +167,12 @@ class DerivationProcess:
         publish: Consumer,
         queue_blocks: int = QUEUE_ITEMS,
         crew: Crew | None = None,
+        gauged: bool = False,
     ) -> None:
         self._origins = tuple(channels)
         self._clock, self._publish = clock, publish
         self._told = False
-        task = Derive(channels, scenario)
+        task = Derive(channels, scenario, gauged)
         self.worker = WorkerProcess("derivation", task, self._deliver, queue_blocks, crew)
 
     def wait_ready(self, check: Callable[[], None]) -> None:

@@ -15,21 +15,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from math import tau
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle.cycles import AngleCycles, Cycles, DriveCycles, MarkerCycles
+from daq.angle.cycles import WORST_RESIDUAL, AngleCycles, Cycles, DriveCycles, MarkerCycles
 from daq.angle.marker import MarkTracker
 from daq.errors import LogError
 from daq.log.reader import LogReader
 from daq.signals.impacts import Levels, largest_force, levels_of
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS, declared
-from rig.twin.alignment import Reference, reference_among
+from rig.twin.alignment import WORST_BY_GAUGE, Reference, reference_among
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 
 RECORD = "derived"
@@ -156,10 +157,14 @@ def settle_s(cycle_hz: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Nominal:
-    """What the scenario says of the cycles: the drive, and how it is found in its channel."""
+    """What the scenario says of the cycles: the drive, and how it is found in its channel.
+
+    `beside` its sine may be as much else, rms as a share of its amplitude.
+    """
 
     drive: Any
     reference: Reference
+    beside: float = WORST_RESIDUAL
 
     @property
     def settle_s(self) -> float:
@@ -167,10 +172,14 @@ class Nominal:
         return settle_s(float(self.drive.cycle_hz))
 
 
-def nominal_of(scenario: Scenario) -> Nominal:
-    """What a scenario says."""
+def nominal_of(scenario: Scenario, gauged: bool = False) -> Nominal:
+    """What a scenario says; `gauged` where a gauge in the stinger shows the drive, and impacts with it."""
     table = RIGS[scenario.rig].channels
-    return Nominal(scenario.drive, reference_among(table, (table.drive,)))
+    found = reference_among(table, (table.drive,))
+    if not gauged:
+        return Nominal(scenario.drive, found)
+    align = partial(found.align, worst=WORST_BY_GAUGE)
+    return Nominal(scenario.drive, replace(found, align=align), WORST_BY_GAUGE)
 
 
 def reference_of(channels: tuple[str, ...]) -> str | None:
@@ -198,10 +207,12 @@ def first_look(
     return float(nominal.drive.cycle_hz), 0.0
 
 
-def cycles_of(reference: str, settings: Settings, sample_rate: float) -> Cycles | None:
-    """What counts the cycles by the reference channel."""
+def cycles_of(
+    reference: str, settings: Settings, sample_rate: float, beside: float = WORST_RESIDUAL
+) -> Cycles | None:
+    """What counts the cycles by the reference channel; `beside` as in `Nominal`."""
     if settings.cycle_hz is None:
         return None
     if role_of(reference) is Role.DRIVE:
-        return DriveCycles(sample_rate, settings.cycle_hz, settings.phase_rad)
+        return DriveCycles(sample_rate, settings.cycle_hz, settings.phase_rad, beside)
     return AngleCycles(sample_rate) if role_of(reference) is Role.ANGLE else MarkerCycles(sample_rate)

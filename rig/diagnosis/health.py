@@ -32,7 +32,6 @@ from sim_twin.diagnosis.subject import Draw
 HEALTHY_RIGS: Final = "RATTLE_HEALTHY_RIGS"
 """Of the environment: how many are simulated for a band; none and no verdict at 0."""
 _RIGS, _FEWEST = 48, 0.5
-_BLOCKS = 2
 _SIMULATED_S = 600.0
 _LOOKED_AT_S = 20.0
 """Of a run, from its beginning: a verdict must be there at once, and thirty cycles are good."""
@@ -122,7 +121,7 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
         if len(measure.twin) == layout.size:
             ends = numbers["typical"], numbers["spread"], numbers["farthest"]
             return HealthyBand(measure, *ends, numbers["limits"], int(numbers["rigs"]))
-    draws = [Draw((), seed, blocks=_BLOCKS) for seed in range(rigs)]
+    draws = [Draw((), seed, blocks=run.blocks) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
     work = work_of("simulate", run.campaign, len(draws))
     with screen.bar(what, len(draws), "rigs", work) as bar, worker_processes(cores()) as workers:
@@ -156,5 +155,5 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
 def _key(run: AloneRun, model: str, rigs: int) -> str:
     """A digest of all that the band follows from."""
     (setting,) = run.campaign.runs
-    told = (version_of(setting), *setting_told(setting), model, rigs, _BLOCKS)
+    told = (version_of(setting), *setting_told(setting), model, rigs, run.blocks)
     return digest_of(*told).hex()

@@ -27,7 +27,7 @@ from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import Columns
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 from sim_twin.rigs.cycles import FOLLOWS, Cycles
-from sim_twin.sensors import Encoder, anti_alias_taps
+from sim_twin.sensors import Encoder, SensorChain, anti_alias_taps
 from sim_twin.twin import AnyTwin
 
 _SPOILT = {Flag.OVERLOAD: "overloaded", Flag.OPEN_SENSOR: "open", Flag.NOT_FINITE: "not finite"}
@@ -102,6 +102,7 @@ _FEWEST_CYCLES = 2
 """With the half of the next one that is looked at with each: three whole cycles have so many."""
 _FEWEST_JUDGED = 10
 """For a verdict on one run."""
+_FEWEST_BLOCKS = 2
 _FEWEST_SAMPLES = 64
 _SLIPPED = 0.04
 """Share of its speed by which a motor without a controller is followed; more is another scenario."""
@@ -232,7 +233,9 @@ def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
 class AloneRun:
     """A run at its scenario's own frequency: nothing in `campaign` hangs on what was measured.
 
-    `measured` are its fingerprints (blocks, numbers), `left_out` channels of which nothing is in them.
+    `measured` are its fingerprints (blocks, numbers), `left_out` channels of which nothing is in them. A
+    healthy rig is looked at for `blocks`, as long as a whole run of the scenario: in a longer one it has more
+    of what it seldom does.
     """
 
     scenario: Scenario
@@ -240,6 +243,7 @@ class AloneRun:
     measured: NDArray[np.float32]
     remarks: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    blocks: int = _FEWEST_BLOCKS
 
 
 def recorded_alone(path: Path, longest_s: float) -> AloneRun:
@@ -253,9 +257,8 @@ def recorded_alone(path: Path, longest_s: float) -> AloneRun:
     hertz = run.scenario.drive.cycle_hz
     twin = replace(run.twin, drive=run.twin.drive.at_cycle_hz(hertz))
     # wherever in its first cycle a run begins
-    whole = min(
-        whole, max(int(min(run.scenario.acquisition.duration, longest_s) * hertz) - 3, _FEWEST_JUDGED)
-    )
+    longest = max(int(min(run.scenario.acquisition.duration, longest_s) * hertz) - 3, _FEWEST_JUDGED)
+    whole = min(whole, longest)
     followed = run.setting
     setting = setting_of(
         twin, followed.columns.channels, followed.columns.rate, whole, followed.quiet, followed.reference
@@ -266,7 +269,8 @@ def recorded_alone(path: Path, longest_s: float) -> AloneRun:
     blocks = setting.blocks_of(run.records, sound)
     if not len(blocks):
         raise LogError(f"less than {setting.cycles} sound cycles together, once the motion has set in")
-    return AloneRun(run.scenario, Campaign((setting,)), blocks, run.remarks, run.left_out)
+    looked_at = max(longest // setting.cycles, _FEWEST_BLOCKS)
+    return AloneRun(run.scenario, Campaign((setting,)), blocks, run.remarks, run.left_out, looked_at)
 
 
 def _read(path: Path, longest_s: float | None = None) -> _Run:
@@ -457,9 +461,16 @@ def _resampled(table: Mapping[str, Lossy], twin: AnyTwin, reference: str) -> _On
         first = np.floor(at + 1e-6).astype(np.intp)
         end = np.minimum(np.ceil(at + own / rate - 1e-6).astype(np.intp), len(each.lost))
         sound &= lost[np.maximum(end, first)] == lost[first]
-        values, smooth = _filled(each), name in angles
+        values, smooth = _filled(each), name in angles and not _low_passed(twin, name)
         records[name], quiet[name] = _sampled(values, at, 1 if smooth else steps[name], own / rate, smooth)
     return _OnGrid(rate, records, sound, quiet, slow)
+
+
+def _low_passed(twin: AnyTwin, name: str) -> bool:
+    """Whether a filter is behind a sensor, whose noise does not stay as dense where samples are left out."""
+    sensor = twin.sensors.get(name)
+    stages = sensor.stages if isinstance(sensor, SensorChain) else None
+    return stages is not None and stages.low_pass is not None
 
 
 def _sample_at(series: SampleBlock, time_ns: int) -> float:

@@ -19,9 +19,11 @@ from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.model_file import load_model
 from rig.files.scenario import Scenario
+from rig.rigs import RIGS
 from rig.session.pace import Work
 from rig.session.progress import MOTION_S, Screen
 from rig.stream import Block, Metadata, Record
+from rig.twin.chains import gauged
 from rig.twin.logged import align_to, followed_scenario, logged_twin, with_model
 from rig.twin.prediction import AlignedTwin
 from rig.twin.prediction_file import removed_if_it_fails, twin_record
@@ -162,7 +164,8 @@ def _derivation(
             case Metadata(name, values):
                 copy.add_metadata(name, values)
 
-    return Derivation(write, names, scenario, known)
+    by_gauge = gauged(log.metadata.get("run", {}), RIGS[scenario.rig].channels.drive)
+    return Derivation(write, names, scenario, known, by_gauge)
 
 
 def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channel]:

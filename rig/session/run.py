@@ -35,7 +35,7 @@ from rig.session.progress import FIRST_START, Screen
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
 from rig.stream import Consumer
-from rig.twin.chains import declared_by
+from rig.twin.chains import declared_by, gauged
 from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
@@ -246,7 +246,10 @@ class _Run:
             "predicted": predicted,
         }
         names = {origin: tuple(channel.name for channel in each) for origin, each in origins.items()}
-        derivation = DerivationProcess(names, self._scenario, rig.clock, rig.stream, crew=crew)
+        by_gauge = gauged(declared_by(self._request.bench), twin.model.channels.drive)
+        derivation = DerivationProcess(
+            names, self._scenario, rig.clock, rig.stream, crew=crew, gauged=by_gauge
+        )
         stack.enter_context(derivation.worker)
         stack.enter_context(feed.worker)
         emulated = "daq_card" in self._request.bench.emulated  # then its start has told it

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.angle.cycles import WORST_RESIDUAL
 from daq.signals.sine import fit_growing, fit_sine
 from sim_twin.rigs.channel_table import ChannelTable, Role
 from sim_twin.rigs.crank_drive import SpeedDrive
@@ -24,8 +25,6 @@ FREQUENCY_TOLERANCE = 1e-3
 _STARTED = 0.05
 _RUNNING_SHARE = 0.5
 _SAFE_CYCLES = 0.2 / FREQUENCY_TOLERANCE
-_WORST_RESIDUAL = 0.5
-"""Rms, as a share of the amplitude: a drive with all the harmonics of the catalogue stays below 0.2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +52,7 @@ def align(
     first_sample: int,
     drive: SineDrive,
     shown: Callable[[float], complex] = lambda _: 1.0,
-    worst: float = _WORST_RESIDUAL,
+    worst: float = WORST_RESIDUAL,
 ) -> Alignment:
     """Align to measured drive `force` (N, shape (n,)) that begins at sample `first_sample` of the run.
 
@@ -191,13 +190,13 @@ def reference_among(table: ChannelTable, channels: Container[str], twin: AnyTwin
         late_s = 0.0 if stages is None else stages.delay
         align = partial(align, at_angle=getattr(twin.rig, "marker_angle", 0.0), late_s=late_s)
     elif twin is not None and getattr(twin.rig, "stinger_gauge", False):
-        align = partial(align, shown=partial(_by_gauge, twin, stages), worst=_WORST_BY_GAUGE)
+        align = partial(align, shown=partial(_by_gauge, twin, stages), worst=WORST_BY_GAUGE)
     elif stages is not None:
         align = partial(align, shown=stages.response)
     return Reference(name, align, cycles)
 
 
-_WORST_BY_GAUGE: Final = 2.0
+WORST_BY_GAUGE: Final = 2.0
 """It feels the impacts too, by the inertia of what moves with the coil."""
 _GAUGE_RATE, _GAUGE_CYCLES, _GAUGE_SETTLE_S = 25_600.0, 20, 1.0
 

@@ -21,6 +21,7 @@ from sim_twin.stages import Stages
 from sim_twin.twin import AnyTwin
 
 _CHAIN: Final = "chain."
+_STINGER: Final = "stinger"
 _FINE: Final = 2**24
 """Counts of an encoder that nobody knows the counts of."""
 
@@ -76,7 +77,7 @@ def _stated(channel: CardChannel) -> dict[str, object]:
             **({"backwards": True} if pulses.backwards else {}),
         },
         "mark": mark and {"angle_rad": mark.angle, "level_v": mark.level, "falling": mark.falling},
-        "senses": "stinger" if channel.in_stinger else "",
+        "senses": _STINGER if channel.in_stinger else "",
         "corner_hz": channel.corner_hz,
         "resonance_hz": channel.resonance_hz,
         "delay_s": channel.delay_s,
@@ -84,12 +85,17 @@ def _stated(channel: CardChannel) -> dict[str, object]:
     return {key: value for key, value in chain.items() if value}
 
 
+def gauged(record: Mapping[str, str], drive: str) -> bool:
+    """Whether a gauge in the stinger shows the channel of the `drive`, by a `run` record."""
+    return _chain(record, drive).get("senses") == _STINGER
+
+
 def mounted(twin: AnyTwin, record: Mapping[str, str]) -> AnyTwin:
     """`twin` with its sensors where the record says that they sit."""
     channels, places = twin.model.channels, dict[str, Any]()
     if angle := _number(_chain(record, channels.marker), "mark", "angle_rad"):
         places["marker_angle"] = angle
-    if _chain(record, channels.drive).get("senses") == "stinger":
+    if gauged(record, channels.drive):
         places["stinger_gauge"] = True
     return replace(twin, rig=replace(twin.rig, **places)) if places else twin
 

@@ -68,7 +68,11 @@ class _DrawnPlant:
 
     def advance(self, count: int) -> NDArray[np.float64]:
         """Next `count` samples, shape (channels, count), noise in."""
-        return self._running.advance(count)
+        shown = self._running.advance(count)
+        if not self._healthy:
+            return shown
+        picked_up = np.random.default_rng([self._seed, 4])  # the rig's own share, in every block the same
+        return self._twin.model.stray(self._twin, shown, picked_up)
 
     @property
     def _running(self) -> TwinStream:

@@ -124,6 +124,21 @@ def settled_in(kept: Kept) -> Mapping[str, str]:
     return said.record
 
 
+def test_cycles_are_counted_by_a_gauge_that_feels_impacts_too() -> None:
+    def felt(block: SampleBlock) -> SampleBlock:
+        if block.channel != "drive.force":
+            return block
+        blows = np.zeros(len(block.values), np.float32)
+        blows[::50] = 8.0 * np.abs(block.values).max()
+        return replace(block, values=block.values + blows - blows.mean())
+
+    blocks = [felt(block) for block in beam_blocks()]
+    plain, gauged = (derive(blocks, BEAM_NAMES, BEAM, gauged=each) for each in (False, True))
+    settled = [from_record(settled_in(kept))["measured"].cycle_hz for kept in (plain, gauged)]
+    assert settled == [None, pytest.approx(20.0, rel=1e-3)]
+    assert len(series(gauged, "yoke.force.cycle_rms")) > 50
+
+
 def recut(blocks: Iterable[SampleBlock], size: int) -> list[SampleBlock]:
     """The same samples in blocks of another size, channel after channel within each second."""
     parts: list[SampleBlock] = []

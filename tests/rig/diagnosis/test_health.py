@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,8 +16,9 @@ from daq.block import Flag, SampleBlock
 from daq.log import codec
 from daq.log.codec import decode_block
 from rig.diagnosis import health
-from rig.diagnosis.health import HEALTHY_RIGS, verdict_on
+from rig.diagnosis.health import HEALTHY_RIGS, band_of, verdict_on
 from rig.diagnosis.kept import sources_of
+from rig.diagnosis.recordings import recorded_alone
 from rig.ensembles import Simulated, Workers
 from rig.session.progress import Screen, Terminal
 from sim_twin.diagnosis.fingerprint import Cell
@@ -93,6 +95,43 @@ def test_a_band_that_time_cut_short_is_not_kept(
     log = write_log(tmp_path / "run.mcap", 4.5, origins=["measured"], scenario=RUN)
     assert verdict_on(log, screen()).well is False
     assert not kept.exists()
+
+
+def test_healthy_rigs_are_looked_at_for_as_long_as_a_whole_run(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    class Asked(Simulated):
+        def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
+            asked.extend(draw.blocks for draw in draws)
+            return [(None,) for _ in draws]
+
+    monkeypatch.setattr(health, "Simulated", Asked)
+    # cycles of 50 ms, 36 a block: 97 of them in 5 s, the last 3 left out; 19.85 s hold eleven blocks
+    for seconds, blocks in ((5, 2), (10, 5), (60, 11)):
+        scenario = RUN.replace('duration = "5 s"', f'duration = "{seconds} s"')
+        run = recorded_alone(
+            write_log(tmp_path / f"{seconds}.mcap", 4.5, origins=["measured"], scenario=scenario), 20.0
+        )
+        band_of(run, "", 8, screen())
+        assert asked == [blocks] * 8
+        asked.clear()
+
+
+def test_of_the_noise_of_a_filtered_drive_as_much_is_left_as_of_any_other(tmp_path: Path) -> None:
+    """Of a drive without a filter every second sample is taken, whose noise is as strong as that of all."""
+    chain = {"chain.drive.force": json.dumps({"filter": {"corner_hz": 1718.0, "order": 6}})}
+    left = [
+        recorded_alone(
+            write_log(tmp_path / f"{number}.mcap", 2.0, origins=["measured"], scenario=RUN, bench=bench), 20.0
+        )
+        .campaign.runs[0]
+        .quiet
+        for number, bench in enumerate(({}, chain))
+    ]
+    assert [each["drive.force"] for each in left] == [1.0, left[1]["yoke.force"]]
+    assert left[1]["yoke.force"] == pytest.approx(0.7, abs=0.01)
 
 
 def test_a_band_hangs_on_the_code_of_a_rig_from_another_package(tmp_path: Path) -> None:
