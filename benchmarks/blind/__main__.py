@@ -37,7 +37,8 @@ def main() -> int:
         if step in ("make", "all"):
             make(folder, campaigns, part)
         if step in ("diagnose", "all"):
-            diagnose_all(folder, arguments.only or [each.name for each in part], arguments.budget)
+            names = arguments.only or [each.name for each in part]
+            diagnose_all(folder, names, arguments.budget, arguments.effort)
         if step == "oracle":
             measure_truths(folder, part)
         if step in ("score", "all"):
@@ -61,6 +62,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--share", type=float, default=1.0, help="of each set, from its beginning")
     parser.add_argument("--each", type=int, help="so many of each set, kind and rig, instead of a share")
     parser.add_argument("--budget", type=float, help="seconds for each diagnosis; without, its usual effort")
+    parser.add_argument("--effort", type=float, default=1.0, help="so many times what fits into it")
     parser.add_argument("--only", nargs="*", default=(), help="diagnose only these campaigns")
     parser.add_argument("--quick", action="store_true", help="score without measuring gaps that are not yet")
     parser.add_argument("--discard-logs", action="store_true", help="remove the logs once all is scored")

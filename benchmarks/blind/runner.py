@@ -23,12 +23,13 @@ class Cost:
     """How a diagnosis went, and what was run.
 
     Wall and processor time in s, exit code (None: stopped), most memory of all its processes in MB; its
-    budget in s (None: the usual). An exit code of -1: there was no model to diagnose by.
+    budget in s (None: the usual) and effort. An exit code of -1: there was no model to diagnose by.
     """
 
     wall_s: float
     exit_code: int | None
     budget_s: float | None
+    effort: float
     seed: int
     runs: int
     program_sha256: str
@@ -36,7 +37,9 @@ class Cost:
     memory_mb: float = 0.0
 
 
-def diagnose_all(folder: Path, names: Sequence[str], budget_s: float | None = None) -> None:
+def diagnose_all(
+    folder: Path, names: Sequence[str], budget_s: float | None = None, effort: float = 1.0
+) -> None:
     """Diagnose campaigns that have not been yet; they are known by their logs alone.
 
     Those with healthy runs to calibrate by are diagnosed without and with these.
@@ -49,10 +52,10 @@ def diagnose_all(folder: Path, names: Sequence[str], budget_s: float | None = No
             raise SystemExit(f"{name} has not been recorded; make it first")
         model = model_of(folder, healthy[name]) if look else None
         if look and model is None:
-            cost = Cost(0.0, -1, budget_s, int(name[1:]), 0, program_digest())
+            cost = Cost(0.0, -1, budget_s, effort, int(name[1:]), 0, program_digest())
             _keep(folder, name + look, cost)
         else:
-            cost = _diagnose(folder, name, look, model, budget_s)
+            cost = _diagnose(folder, name, look, model, budget_s, effort)
         state = "" if cost.exit_code == 0 else f"  FAILED (exit code {cost.exit_code})"
         print(
             f"{name}{look}: {cost.wall_s:.0f} s for {cost.runs} runs, {len(todo) - number - 1} to go{state}",
@@ -94,17 +97,20 @@ def _keep(folder: Path, name: str, cost: Cost) -> None:
     (out / "cost.json").write_text(json.dumps(asdict(cost)))
 
 
-def _diagnose(folder: Path, name: str, look: str, model: Path | None, budget_s: float | None) -> Cost:
+def _diagnose(
+    folder: Path, name: str, look: str, model: Path | None, budget_s: float | None, effort: float
+) -> Cost:
     out, logs, seed = _out(folder, name + look), logs_of(folder, name), int(name[1:])
     out.mkdir(parents=True, exist_ok=True)
     command = ["diagnose", *map(str, logs), "--out", str(out), "--seed", str(seed)]
     command += [] if budget_s is None else ["--budget", f"{budget_s:g}"]
+    command += [] if effort == 1.0 else ["--effort", f"{effort:g}"]
     command += [] if model is None else ["--model", str(model)]
     digest = program_digest()
-    limit_s = _TIMES_BUDGET * (budget_s or _USUAL_BUDGET_S) + _START_S
+    limit_s = _TIMES_BUDGET * max(effort, 1.0) * (budget_s or _USUAL_BUDGET_S) + _START_S
     spent = rattle(command, out / "output.txt", limit_s)
     cost = Cost(
-        spent.wall_s, spent.exit_code, budget_s, seed, len(logs), digest, spent.cpu_s, spent.memory_mb
+        spent.wall_s, spent.exit_code, budget_s, effort, seed, len(logs), digest, spent.cpu_s, spent.memory_mb
     )
     _keep(folder, name + look, cost)
     return cost

@@ -55,6 +55,7 @@ def _write(
         "wall_s": 70.0,
         "exit_code": exit_code,
         "budget_s": 60.0,
+        "effort": 1.0,
         "seed": 0,
         "runs": 1,
         "program_sha256": program,
@@ -202,11 +203,11 @@ def test_only_what_is_not_diagnosed_is_run(tmp_path: Path, monkeypatch: pytest.M
         return Spent(50.0, 80.0, 0, 900.0)
 
     monkeypatch.setattr(runner, "rattle", noted)
-    runner.diagnose_all(tmp_path, ["c000", "c001"], 60.0)
+    runner.diagnose_all(tmp_path, ["c000", "c001"], 60.0, 2.0)
     ((arguments, limit_s),) = commands
     assert arguments[:2] == ["diagnose", str(tmp_path / "logs" / "c001" / "c001_run1.mcap")]
-    assert arguments[-4:] == ["--seed", "1", "--budget", "60"]
-    assert limit_s == 840
+    assert arguments[-6:] == ["--seed", "1", "--budget", "60", "--effort", "2"]
+    assert limit_s == 1440
     assert not any("sealed" in part for part in arguments)
     cost = runner.cost_of(tmp_path, "c001")
     assert cost is not None
