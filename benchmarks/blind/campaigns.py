@@ -74,7 +74,10 @@ class Campaign:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Campaign:
         """The campaign as it was sealed."""
-        return cls(**{key: tuple(value) if isinstance(value, list) else value for key, value in data.items()})
+        values: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in data.items()
+        }
+        return cls(**values)
 
     @property
     def right_page(self) -> bool:
@@ -169,7 +172,7 @@ def _page(of: CheckSet, engine: Unlisted, rng: np.random.Generator) -> tuple[Eff
     if of.page is None:
         return ()
     laws = engine.PAGES[of.page]
-    return (laws[rng.integers(len(laws))].draw(rng),)
+    return (laws[int(rng.integers(len(laws)))].draw(rng),)
 
 
 def _other_rig(lab: Campaign, rng: np.random.Generator, number: int) -> dict[str, Any]:

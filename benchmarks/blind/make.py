@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
@@ -20,7 +20,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def make(folder: Path, campaigns: Sequence[Campaign], part: Collection[Campaign]) -> None:
+def make(folder: Path, campaigns: Sequence[Campaign], part: Sequence[Campaign]) -> None:
     """Record a part of the campaigns with what they are calibrated by; what is recorded already stays."""
     write_references(folder, campaigns)
     todo = [*references_of(campaigns, part), *part]

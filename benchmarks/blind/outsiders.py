@@ -148,7 +148,7 @@ def _wobble(values: Values) -> Fault:
     def fault(x: Array, rate: float, rng: np.random.Generator) -> Array:
         samples = np.arange(len(x), dtype=float)
         p = 2 * np.pi * (values["frequency_hz"] * samples / rate + rng.uniform())
-        return np.interp(samples + values["seconds"] * rate * np.sin(p), samples, x)
+        return np.asarray(np.interp(samples + values["seconds"] * rate * np.sin(p), samples, x))
 
     return fault
 
