@@ -138,7 +138,9 @@ class Case:
     @property
     def visible(self) -> bool:
         """Whether the runs can show what is hidden; taken for granted where it was not measured."""
-        return self.gaps is None or self.gaps.visible
+        if self.gaps is None:
+            return True
+        return self.gaps.before > VISIBLE_GAP if self.outside else self.gaps.visible
 
     @property
     def catalogue_size(self) -> int:

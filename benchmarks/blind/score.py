@@ -21,6 +21,7 @@ from benchmarks.blind.page import page
 from benchmarks.blind.result import Confusion, as_json
 from benchmarks.blind.runner import CALIBRATED, Cost, cost_of, diagnosis_file
 from benchmarks.blind.seal import Frozen, frozen_of
+from benchmarks.blind.sets import OUTSIDE
 from benchmarks.blind.table import BESIDE, JUDGED, UNKNOWN
 
 FAILED = "(failed)"
@@ -28,7 +29,7 @@ FAILED = "(failed)"
 
 def measure_truths(folder: Path, campaigns: Sequence[Campaign]) -> None:
     """Work out how far the true effects close each gap, on two processes; needs no diagnosis."""
-    _all_gaps(folder, [campaign for campaign in campaigns if in_catalogue(campaign)], truth_gaps)
+    _all_gaps(folder, [campaign for campaign in campaigns if hides(campaign)], truth_gaps)
 
 
 def score(folder: Path, campaigns: Sequence[Campaign], quick: bool = False) -> bool:
@@ -45,7 +46,7 @@ def score(folder: Path, campaigns: Sequence[Campaign], quick: bool = False) -> b
         for look in ("", CALIBRATED)
         if (cost := cost_of(folder, each.name + look))
     }
-    asked = [each for each in campaigns if in_catalogue(each) and (each.name, "") in costs]
+    asked = [each for each in campaigns if hides(each) and (each.name, "") in costs]
     gaps = _known_gaps(folder, asked) if quick else _all_gaps(folder, asked, _gaps_of)
     cases = _judged_held_out(
         [
@@ -67,9 +68,9 @@ def score(folder: Path, campaigns: Sequence[Campaign], quick: bool = False) -> b
     return all(figure.met for figure in judged) and _programs(list(costs.values())) == {frozen.program_sha256}
 
 
-def in_catalogue(campaign: Campaign) -> bool:
-    """Whether something is hidden that the twin can have."""
-    return campaign.kind in ("single", "pair", "triple")
+def hides(campaign: Campaign) -> bool:
+    """Whether something is hidden."""
+    return campaign.kind != "none"
 
 
 def read_answer(folder: Path, name: str, cost: Cost) -> Answer | None:
@@ -115,7 +116,7 @@ def _named(work: Any, folder: Path, campaign: Campaign) -> tuple[str, Gaps]:
 
 def _gaps_of(folder: Path, campaign: Campaign) -> Gaps:
     known = truth_gaps(folder, campaign)
-    if not campaign.right_page:  # what an answer closes there is another question
+    if not campaign.right_page or campaign.kind in OUTSIDE:  # what an answer closes there is another question
         return known
     after = answer_gap(folder, campaign)
     return Gaps(known.before, known.oracle, known.before if after is None else after)
@@ -125,7 +126,8 @@ def _known_gaps(folder: Path, campaigns: Sequence[Campaign]) -> dict[str, Gaps]:
     return {
         each.name: _gaps_of(folder, each)
         for each in campaigns
-        if known_gaps(folder, each) is not None and (not each.right_page or answer_is_measured(folder, each))
+        if known_gaps(folder, each) is not None
+        and (not each.right_page or each.kind in OUTSIDE or answer_is_measured(folder, each))
     }
 
 
@@ -149,7 +151,7 @@ def _notes(
     done = [case for case in cases if not case.calibrated]
     kinds = Counter(case.campaign.kind for case in done)
     programs = _programs(costs)
-    hidden = [case for case in cases if in_catalogue(case.campaign) and not case.visible]
+    hidden = [case for case in cases if hides(case.campaign) and not case.visible]
     return [
         f"{len(done)} of {len(campaigns)} campaigns diagnosed ({_listed(kinds)}), "
         f"{sum(case.calibrated for case in cases)} of them once more by a model of healthy rigs, "

@@ -88,6 +88,10 @@ def _strength(kind: Kind) -> Where:
     return Where(("none", "single", "pair", "triple", kind))
 
 
+def _mild_shown(cases: Sequence[Case]) -> list[Case]:
+    return [case for case in _strength("mild")(cases) if case.visible or not case.outside]
+
+
 SHOWN = Where(("single",), shown=True)
 """Single effects that the settings can show."""
 UNKNOWN = Where()
@@ -256,6 +260,7 @@ BESIDE = (
     *(figure for runs in range(1, MOST_RUNS + 1) for figure in _of_runs(runs)),
     _unknown("all", UNKNOWN, metrics.auroc),
     _unknown("classes that thresholds were set with", _seen, metrics.auroc),
+    _unknown("mild, those that the settings show", _mild_shown, metrics.auroc),
     _mean(
         "unknown, score refitted with classes held out: AUROC",
         replace(_OUTSIDE, having=metrics.outranks),

@@ -196,6 +196,14 @@ def test_settings_show_an_effect_where_there_is_a_gap_that_it_closes() -> None:
     assert not Gaps(2.0, 1.95).visible
 
 
+def test_settings_show_something_unknown_where_there_is_a_gap() -> None:
+    # no twin has it: the true effects close nothing
+    assert case("mild", SAYS_NONE, OUTSIDER, gaps=Gaps(1.3, 1.3)).visible
+    hidden = case("mild", SAYS_NONE, OUTSIDER, gaps=Gaps(1.0, 1.0))
+    assert not hidden.visible
+    assert metrics.confidence(hidden) == (0.6, 1.0)
+
+
 def test_wilson_interval_of_a_published_example() -> None:
     # Newcombe 1998 (10.1002/(SICI)1097-0258(19980430)17:8<857), table I, method 3: 81 of 263, 0 of 20.
     assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)

@@ -91,7 +91,7 @@ def test_score_of_three_campaigns_of_which_one_failed(
     _write(tmp_path, "c000", _diagnosis(0.9, 0.1, 0.0))
     _write(tmp_path, "c001", _diagnosis(0.1, 0.7, 0.2))
     _write(tmp_path, "c002", _diagnosis(1.0, 0.0, 0.0), exit_code=1)
-    assert not score(tmp_path, CAMPAIGNS)
+    assert not score(tmp_path, CAMPAIGNS, quick=True)
     values = _values(tmp_path)
     assert values["false alarms when nothing is missing"] == pytest.approx(0.5)
     assert values["unknown, strong: AUROC"] == pytest.approx(0.5)
@@ -117,7 +117,7 @@ def test_diagnoses_of_two_programs_do_not_pass_though_every_bar_is_met(
     seal(tmp_path, CAMPAIGNS, FROZEN)
     _write(tmp_path, "c000", _diagnosis(1.0, 0.0, 0.0))
     _write(tmp_path, "c002", _diagnosis(1.0, 0.0, 0.0), program=second)
-    assert score(tmp_path, CAMPAIGNS) == (second == "a")
+    assert score(tmp_path, CAMPAIGNS, quick=True) == (second == "a")
     printed = capsys.readouterr().out
     assert f"diagnosed by {said}of the program" in printed
     assert "MISSED" not in printed
@@ -128,7 +128,7 @@ def test_what_is_not_diagnosed_yet_is_left_out_and_said(
 ) -> None:
     seal(tmp_path, CAMPAIGNS, FROZEN)
     _write(tmp_path, "c001", _diagnosis(0.0, 1.0, 0.0))
-    score(tmp_path, CAMPAIGNS)
+    score(tmp_path, CAMPAIGNS, quick=True)
     assert (
         "1 of 3 campaigns diagnosed (1 strong), 0 of them once more by a model of healthy rigs, 0 failed"
         in capsys.readouterr().out
@@ -140,7 +140,7 @@ def test_a_file_that_is_no_diagnosis_counts_as_failed(
 ) -> None:
     seal(tmp_path, CAMPAIGNS, FROZEN)
     _write(tmp_path, "c000", {"schema": "something else"})
-    score(tmp_path, CAMPAIGNS)
+    score(tmp_path, CAMPAIGNS, quick=True)
     assert "1 failed: c000" in capsys.readouterr().out
 
 
@@ -285,7 +285,7 @@ def test_a_program_other_than_the_frozen_one_does_not_pass(
     for folder, program in ((tmp_path / "same", "a"), (tmp_path / "other", "b")):
         seal(folder, CAMPAIGNS, FROZEN)
         _write(folder, "c000", _diagnosis(1.0, 0.0, 0.0), program=program)
-        assert score(folder, CAMPAIGNS) == (program == "a")
+        assert score(folder, CAMPAIGNS, quick=True) == (program == "a")
     assert "which is NOT what diagnosed" in capsys.readouterr().out
 
 
@@ -321,6 +321,9 @@ def test_a_score_that_was_stopped_measures_only_what_is_left(
     assert scoring._known_gaps(tmp_path, hidden) == {"c000": Gaps(3.0, 1.0, 3.0)}
     assert gaps.answer_gap(tmp_path, hidden[1]) is None
     assert asked == []
+    with pytest.raises(FileNotFoundError, match="logs of c001 are not there"):
+        gaps.truth_gaps(tmp_path, hidden[1])
+    assert asked == ["c001"]
 
 
 def test_the_answers_name_every_campaign_once() -> None:

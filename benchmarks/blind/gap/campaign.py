@@ -17,6 +17,7 @@ from benchmarks.blind.cases import Gaps
 from benchmarks.blind.gap.distance import Floor, Table
 from benchmarks.blind.gap.twin import ensemble, read_features, recorded_channels, scenario_of
 from benchmarks.blind.runner import effects_file
+from benchmarks.blind.sets import OUTSIDE
 from daq.errors import ConfigurationError
 from rig.files.scenario import Scenario
 
@@ -48,6 +49,9 @@ def known_gaps(folder: Path, campaign: Campaign) -> Gaps | None:
 def truth_gaps(folder: Path, campaign: Campaign) -> Gaps:
     """Gap of a campaign to the nominal twin and to the twin with the true effects, mean over its runs.
 
+    No twin can have what is in no catalogue: both are the nominal one's then. Raises FileNotFoundError without
+    its logs.
+
     Where the twin's page is not the truth's, a twin with the true effects stands for the recording: that
     tells whether the settings show them.
     """
@@ -55,6 +59,10 @@ def truth_gaps(folder: Path, campaign: Campaign) -> Gaps:
     if known is not None:
         return known
     runs = list(_known_runs(folder, campaign))
+    if not runs:
+        raise FileNotFoundError(
+            f"the logs of {campaign.name} are not there any more, and its gap is not known"
+        )
     before = np.mean([run.floor.gap(run.recording, run.nominal) for run in runs])
     oracle = np.mean([run.floor.gap(run.recording, run.true) for run in runs])
     gaps = Gaps(float(before), float(oracle))
@@ -121,8 +129,10 @@ def _known_runs(folder: Path, campaign: Campaign) -> Iterator[_Known]:
             (recording,) = ensemble(scenario, campaign.effects, [_STANDING_IN], names)
         file = folder / "gaps" / f"{log.stem}.npz"
         if not file.exists():
-            members = (ensemble(scenario, effects, _SEEDS, names) for effects in ((), campaign.effects))
-            _keep(file, *members)
+            nominal = true = ensemble(scenario, (), _SEEDS, names)
+            if campaign.kind not in OUTSIDE:
+                true = ensemble(scenario, campaign.effects, _SEEDS, names)
+            _keep(file, nominal, true)
         nominal, true = _kept(file)
         yield _Known(scenario, names, recording, nominal, true, Floor(true, groups))
 
