@@ -15,6 +15,10 @@ from benchmarks.blind.campaigns import Campaign, references_of
 from benchmarks.blind.command import rattle
 
 
+_USUAL_RIGS, _FEWEST_RIGS = 400, 100
+_LONGEST_S = 3600.0
+
+
 @dataclass(frozen=True, slots=True)
 class Reference:
     """Healthy runs of a campaign's lab, each of another rig, and the one of the campaign's own rig."""
@@ -40,12 +44,16 @@ def references(folder: Path) -> dict[str, Reference]:
     return {name: Reference(tuple(each["lab"]), each["same_rig"]) for name, each in told.items()}
 
 
-def model_of(folder: Path, reference: Reference) -> Path | None:
-    """The model of a campaign's rig, calibrated if it is not yet; None where that failed."""
-    lab = _calibrated(folder, reference.lab[0], reference.lab, ("--spread",))
+def model_of(folder: Path, reference: Reference, effort: float = 1.0) -> Path | None:
+    """The model of a campaign's rig, calibrated if it is not yet; None where that failed.
+
+    At another `effort` so many times the usual number of rigs are simulated.
+    """
+    rigs = () if effort == 1.0 else ("--rigs", str(max(_FEWEST_RIGS, round(effort * _USUAL_RIGS))))
+    lab = _calibrated(folder, reference.lab[0], reference.lab, ("--spread", *rigs))
     if lab is None:
         return None
-    return _calibrated(folder, reference.same_rig, (reference.same_rig,), ("--model", str(lab)))
+    return _calibrated(folder, reference.same_rig, (reference.same_rig,), ("--model", str(lab), *rigs))
 
 
 def logs_of(folder: Path, name: str) -> list[Path]:
@@ -68,6 +76,3 @@ def _calibrated(folder: Path, name: str, runs: Sequence[str], options: Sequence[
 
 def _file(folder: Path) -> Path:
     return folder / "references.json"
-
-
-_LONGEST_S = 3600.0

@@ -50,7 +50,7 @@ def diagnose_all(
     for number, (name, look) in enumerate(todo):
         if not logs_of(folder, name):
             raise SystemExit(f"{name} has not been recorded; make it first")
-        model = model_of(folder, healthy[name]) if look else None
+        model = model_of(folder, healthy[name], effort) if look else None
         if look and model is None:
             cost = Cost(0.0, -1, budget_s, effort, int(name[1:]), 0, program_digest())
             _keep(folder, name + look, cost)

@@ -49,8 +49,8 @@ def known_gaps(folder: Path, campaign: Campaign) -> Gaps | None:
 def truth_gaps(folder: Path, campaign: Campaign) -> Gaps:
     """Gap of a campaign to the nominal twin and to the twin with the true effects, mean over its runs.
 
-    No twin can have what is in no catalogue: both are the nominal one's then. Raises FileNotFoundError without
-    its logs.
+    No twin can have what is in no catalogue: both are the nominal one's then. Raises FileNotFoundError
+    without its logs.
 
     Where the twin's page is not the truth's, a twin with the true effects stands for the recording: that
     tells whether the settings show them.
