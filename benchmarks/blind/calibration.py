@@ -14,7 +14,6 @@ from pathlib import Path
 from benchmarks.blind.campaigns import Campaign, references_of
 from benchmarks.blind.command import rattle
 
-
 _USUAL_RIGS, _FEWEST_RIGS = 400, 100
 _LONGEST_S = 3600.0
 
