@@ -12,9 +12,8 @@ from benchmarks.blind.calibration import logs_of, model_of, references
 from benchmarks.blind.command import ROOT, rattle
 
 _PROGRAM = ("sim_twin", "rig", "daq")
-_USUAL_BUDGET_S = 120.0
-_TIMES_BUDGET, _START_S = 10.0, 240.0
-"""A diagnosis that takes longer than both together is stopped: load by others alone makes no miss."""
+_LONGEST_S = 3600.0
+"""A diagnosis that hangs is stopped; load by others alone makes no miss."""
 CALIBRATED = "_calibrated"
 
 
@@ -107,8 +106,7 @@ def _diagnose(
     command += [] if effort == 1.0 else ["--effort", f"{effort:g}"]
     command += [] if model is None else ["--model", str(model)]
     digest = program_digest()
-    limit_s = _TIMES_BUDGET * max(effort, 1.0) * (budget_s or _USUAL_BUDGET_S) + _START_S
-    spent = rattle(command, out / "output.txt", limit_s)
+    spent = rattle(command, out / "output.txt", _LONGEST_S)
     cost = Cost(
         spent.wall_s, spent.exit_code, budget_s, effort, seed, len(logs), digest, spent.cpu_s, spent.memory_mb
     )

@@ -207,7 +207,7 @@ def test_only_what_is_not_diagnosed_is_run(tmp_path: Path, monkeypatch: pytest.M
     ((arguments, limit_s),) = commands
     assert arguments[:2] == ["diagnose", str(tmp_path / "logs" / "c001" / "c001_run1.mcap")]
     assert arguments[-6:] == ["--seed", "1", "--budget", "60", "--effort", "2"]
-    assert limit_s == 1440
+    assert limit_s == 3600
     assert not any("sealed" in part for part in arguments)
     cost = runner.cost_of(tmp_path, "c001")
     assert cost is not None
