@@ -76,7 +76,8 @@ def _shares(case: Case, cases: Sequence[Case]) -> dict[str, float]:
 def _best_residual(case: Case) -> Answer | None:
     if case.answer is None:
         return None
-    shrinks = {effect.name: effect.shrink or 0.0 for effect in case.answer.effects}
+    catalogue = CATALOGUE[case.campaign.rig]  # no truth has what people wire wrongly
+    shrinks = {each.name: each.shrink or 0.0 for each in case.answer.effects if each.name in catalogue}
     best = max(shrinks, key=lambda name: shrinks[name])
     chosen = best if shrinks[best] >= _LEAST_SHRINK else NONE
     answer = _weighted(case, {chosen: 1.0})

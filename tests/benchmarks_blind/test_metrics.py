@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.blind import metrics
 from benchmarks.blind.baselines import BASELINES, REPEATS
-from benchmarks.blind.cases import Estimate, Gaps, answer_of, shrink
+from benchmarks.blind.cases import Estimate, Gaps, Ranked, answer_of, shrink
 from benchmarks.blind.figure import Bar
 from benchmarks.blind.intervals import bootstrap, wilson
 from tests.benchmarks_blind.stories import CLEARANCE, DAMPING, GAIN, OUTSIDER, answer, case
@@ -253,6 +253,11 @@ def test_best_residual_takes_the_largest_shrink_or_none() -> None:
     low = answer({"clearance": 1.0}, shrinks={"clearance": 0.05})
     first, second = BASELINES["best residual"]([case("single", said, DAMPING), case("none", low)])
     assert metrics.first_right(first) == metrics.first_right(second) == 1
+    wired = Ranked("sensor_factor", "sensor", 0.0, 0.9)
+    (third,) = BASELINES["best residual"](
+        [case("single", replace(said, effects=(*said.effects, wired)), DAMPING)]
+    )
+    assert metrics.first_right(third) == 1
 
 
 def test_a_diagnosis_whose_probabilities_do_not_add_up_is_refused() -> None:
