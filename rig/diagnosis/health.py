@@ -72,7 +72,9 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
 def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
-    known = f"Gap {whole.gap:.2f}: a typical healthy rig has 1, the farthest of {rigs} {whole.farthest:.2f}."
+    known = (
+        f"Gap {whole.gap:.2f}: a typical healthy rig has 1, and by {rigs} of them up to {whole.farthest:.2f}."
+    )
     remarks = [f"Mind: {remark}." for remark in run.remarks]
     if not beyond and not whole.beyond:
         first = channels[0]
@@ -119,8 +121,8 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
         numbers = {name: kept[name] for name in kept.files}
         measure = GapMeasure(layout, numbers["twin"], numbers["floor"], float(numbers["unit"]))
         if len(measure.twin) == layout.size:
-            ends = numbers["typical"], numbers["spread"], numbers["farthest"]
-            return HealthyBand(measure, *ends, numbers["limits"], int(numbers["rigs"]))
+            ends = numbers["typical"], numbers["spread"], numbers["limits"]
+            return HealthyBand(measure, *ends, int(numbers["rigs"]))
     draws = [Draw((), seed, blocks=run.blocks) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
     work = work_of("simulate", run.campaign, len(draws))
@@ -142,7 +144,6 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
         unit=measure.unit,
         typical=band.typical,
         spread=band.spread,
-        farthest=band.farthest,
         limits=band.limits,
         rigs=band.rigs,
     )

@@ -62,7 +62,7 @@ def records(pipe: Connection, state: PageState) -> Iterator[tuple[bytes, Shown]]
             frame: Shown | None = pickle.loads(pickled)  # noqa: S301 - by our own acquisition
         except (EOFError, OSError):
             frame = None
-            state.take(Progress("the run has gone without a word"))
+            state.take(Progress("the run has gone without a word", failed=True))
         if frame is None:
             return
         state.take(frame)

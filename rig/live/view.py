@@ -45,12 +45,16 @@ class Dropped(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """What the run is at, as the terminal says it; `done` of `total` (0: nobody knows), in `unit`."""
+    """What the run is at, as the terminal says it; `done` of `total` (0: nobody knows), in `unit`.
+
+    `failed` where that is why it has ended.
+    """
 
     text: str
     done: float = 0.0
     total: float = 0.0
     unit: str = "s"
+    failed: bool = False
 
 
 class Elsewhere(NamedTuple):

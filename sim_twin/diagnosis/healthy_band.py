@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import jarque_bera
 
-from sim_twin.diagnosis.fingerprint import Cell, Layout
+from sim_twin.diagnosis.fingerprint import COUNTED, Cell, Layout
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 
 Array = NDArray[np.float64]
@@ -42,8 +42,8 @@ class Level:
 class Place:
     """How far a run lies off in all ("") or in one channel: 1 as far as a typical healthy rig lies.
 
-    `farthest` of the healthy rigs that were simulated; `gap_beyond` what any of them does anywhere. `worst`
-    is the cell that lies farthest off, `level` that of the channel's which does.
+    Healthy ones lie up to `farthest`, as few deviations of theirs as any does anywhere. `worst` is the cell
+    that lies farthest off, `level` that of the channel's which does.
     """
 
     channel: str
@@ -62,18 +62,17 @@ class Place:
 class HealthyBand:
     """Gaps and levels of `rigs` healthy rigs, each from the twin that the others make.
 
-    `typical`, `spread` and `farthest`, shape (1 + channels + levels,), are mean, deviation and largest of the
-    logarithm of the gap over all cells and over those of each channel, and of the level of each kind of
-    figure, in floors. `limits`, so too, are in deviations the most that any rig lies off the mean anywhere,
-    gaps above it, so that one healthy rig in so many lies beyond. A place where one rig is far from all
-    others, such as a point that is hardly ever struck, has a limit of its own, and a level that does not
+    `typical` and `spread`, shape (1 + channels + levels,), are mean and deviation of the logarithm of the gap
+    over all cells and over those of each channel, and of the level of each kind of figure, in floors.
+    `limits`, so too, are in deviations the most that any rig lies off the mean anywhere, gaps above it, so
+    that one healthy rig in so many lies beyond. A place where one rig is far from all others, such as a point
+    that is hardly ever struck, has a limit of its own, and a level that does not
     scatter as a normal number does has none: gaps judge it.
     """
 
     measure: GapMeasure
     typical: Array
     spread: Array
-    farthest: Array
     limits: Array
     rigs: int
 
@@ -93,7 +92,7 @@ class HealthyBand:
             inside = [k for k, cell in enumerate(layout.cells) if _belongs(cell, channel)]
             worst = layout.cells[max(inside, key=lambda k: float(cells[k]))]
             beyond = bool(off[number] > self.limits[number])
-            farthest = float(np.exp(self.farthest[number] - self.typical[number]))
+            farthest = float(np.exp(self.limits[number] * self.spread[number]))
             level = max(levels.get(channel, []), key=lambda each: (each.beyond, abs(each.off)), default=None)
             found.append(Place(channel, float(np.exp(apart[number])), farthest, beyond, worst, level))
         whole, *channels = found
@@ -120,7 +119,7 @@ def healthy_band(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> Hea
         skewed = jarque_bera(off[:, gaps:], axis=0).pvalue < _NORMAL
     limits[gaps:][skewed | ~alike[gaps:]] = np.inf
     measure = gap_measure(healthy, layout)
-    return HealthyBand(measure, typical, spread, figures.max(axis=0), limits, len(healthy))
+    return HealthyBand(measure, typical, spread, limits, len(healthy))
 
 
 def _places(layout: Layout) -> list[str]:
@@ -133,7 +132,12 @@ def _belongs(cell: Cell, channel: str) -> bool:
 
 def _kinds(layout: Layout) -> list[tuple[str, str]]:
     """Channel and figure of every level."""
-    return [*dict.fromkeys((cell.channel, cell.what) for cell in layout.cells if cell.partner is None)]
+    return [*dict.fromkeys((cell.channel, cell.what) for cell in layout.cells if _has_level(cell))]
+
+
+def _has_level(cell: Cell) -> bool:
+    """Of two channels together there is none, nor of what is counted: a count is no normal number."""
+    return cell.partner is None and cell.what != COUNTED
 
 
 def _figures(measure: GapMeasure, blocks: NDArray[np.floating]) -> Array:
@@ -147,7 +151,7 @@ def _levels(measure: GapMeasure, blocks: NDArray[np.floating]) -> Array:
     floors = np.repeat(measure.floor, np.diff(layout.starts))
     off = (np.mean(blocks, axis=0, dtype=np.float64) - measure.twin) / floors
     kinds = {kind: number for number, kind in enumerate(_kinds(layout))}
-    owners = np.array([-1 if c.partner else kinds[c.channel, c.what] for c in layout.of_numbers])
+    owners = np.array([kinds[c.channel, c.what] if _has_level(c) else -1 for c in layout.of_numbers])
     counts = np.bincount(owners[owners >= 0], minlength=len(kinds))
     return np.asarray(np.bincount(owners[owners >= 0], off[owners >= 0], len(kinds)) / counts)
 
