@@ -95,7 +95,7 @@ def _arguments() -> argparse.Namespace:
 def _replay(log: Path, seconds: float) -> Speed:
     out = io.StringIO()
     wall, processor = time.perf_counter(), time.process_time()
-    replay_log(log, 0.0, False, Screen(Console(file=out)), SystemClock())
+    replay_log(log, 0.0, None, Screen(Console(file=out)), SystemClock())
     wall, processor = time.perf_counter() - wall, time.process_time() - processor
     assert "derived" in out.getvalue()
     return Speed(seconds / wall, seconds / processor)

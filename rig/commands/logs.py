@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -143,13 +143,17 @@ def replay(
     from daq.log.reader import LogReader
     from rig.diagnosis.health import judged
     from rig.report.record import RunCollector
+    from rig.session.on_page import come_to, on_page
     from rig.session.replay import replay_log
 
     screen = Screen(Terminal())
-    with LogReader(run) as log:
+    with on_page(screen) if live else nullcontext() as view, LogReader(run) as log:
         collector = RunCollector(log)
-        replay_log(run, speed, live, screen, SystemClock(), (collector,))
-        show(judged(collector.record(), screen), screen)
+        replay_log(run, speed, view, screen, SystemClock(), (collector,))
+        replayed = judged(collector.record(), screen)
+        show(replayed, screen)
+        if view is not None:
+            come_to(view, screen, f"replayed: {run}", replayed.verdict)
 
 
 def show(run: RunRecord, screen: Screen) -> None:
@@ -217,8 +221,8 @@ def _impact_lines(run: RunRecord) -> Iterator[str]:
             yield f"{whose:<10} {group}: {len(found.peak)} impacts{often}{peaks}"
 
 
-def report_and_name(run: RunRecord, screen: Screen) -> None:
-    """Write the report beside the log of a run and name both, the log last."""
+def report_and_name(run: RunRecord, screen: Screen) -> Path:
+    """Write the report beside the log of a run and name both, the log last; returns where it is."""
     from rig.report.page import write_report
 
     log, report = run.path, run.path.with_suffix(".html")
@@ -229,3 +233,4 @@ def report_and_name(run: RunRecord, screen: Screen) -> None:
     except OSError as error:
         raise RattleError(f"the log {log} is complete, but not its report: {error}") from error
     screen.say(f"log        {log}")
+    return report

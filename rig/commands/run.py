@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import signal
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -60,6 +60,7 @@ def run(
     from rig.files.model_file import load_model
     from rig.files.pairing import check_pair, free_bytes, longest_s, too_late
     from rig.files.scenario import load_scenario
+    from rig.session.on_page import come_to, on_page
     from rig.session.run import RunRequest, run_scenario
     from rig.sweep.plan import real_instruments
     from rig.twin.scenario_twin import check_twin
@@ -85,29 +86,30 @@ def run(
     check_twin(scenario)
     for told in too_late(scenario, bench):
         screen.warn(told)
-    request = RunRequest(scenario, bench, connect, out, live, fitted)
+    request = RunRequest(scenario, bench, connect, out, model=fitted, armed=live and screen.attended)
     if until_stopped:
         request = replace(request, enough=screen.enter_pressed(), open_ended=open_ended)
-    if live and screen.attended:
-        request = replace(request, armed=True)
     lasts = scenario.acquisition.settle + scenario.acquisition.duration
     real = "real" if real_instruments(bench) else "emulated"
     work = None if live or until_stopped else Work(f"run {scenario.rig} on {real} instruments", lasts)
-    with screen.within("lasts", work):
-        log = run_scenario(request, screen, clock)
+    with on_page(screen) if live else nullcontext() as view:
+        with screen.within("lasts", work):
+            log = run_scenario(replace(request, view=view), screen, clock)
 
-    # The rig stands: what its report takes, most of scipy, is loaded only now.
-    from rig.commands.logs import report_and_name, show
-    from rig.diagnosis.health import judged
-    from rig.report.record import read_run
+        # The rig stands: what its report takes, most of scipy, is loaded only now.
+        from rig.commands.logs import report_and_name, show
+        from rig.diagnosis.health import judged
+        from rig.report.record import read_run
 
-    recorded = judged(read_run(log), screen)
-    show(recorded, screen)
-    report_and_name(recorded, screen)
-    if as_json:
-        from rig.report.summary import as_json as figures
+        recorded = judged(read_run(log), screen)
+        show(recorded, screen)
+        report = report_and_name(recorded, screen)
+        if as_json:
+            from rig.report.summary import as_json as figures
 
-        print_json({"log": str(log), "report": str(log.with_suffix(".html")), **figures(recorded)})
+            print_json({"log": str(log), "report": str(report), **figures(recorded)})
+        if view is not None:
+            come_to(view, screen, f"finished: {log}", recorded.verdict, report)
 
 
 def live(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import re
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -119,17 +120,19 @@ def sweep(
     set_again: Annotated[bool, typer.Option("--set-again", help="Confirm anew what is set by hand.")] = False,
     live: Live = False,
     model: Model = None,
+    as_json: Json = False,
 ) -> None:
     from daq.clock import SystemClock
     from rig.app import connect
     from rig.files.model_file import load_model
     from rig.files.sweep import load_sweep, points_named
+    from rig.session.on_page import come_to, on_page
     from rig.sweep.execute import Sweeping, SweepRequest, begun
     from rig.sweep.plan import real_instruments
-    from rig.sweep.results import TABLE, headings_of, rows_of, write_page
+    from rig.sweep.results import TABLE, headings_of, points_of, rows_of, write_page
     from rig.sweep.state import held, load_state
 
-    screen = Screen(Terminal(stderr=False))
+    screen = Screen(Terminal(stderr=as_json))
     swept, bench = load_pair(load_sweep, sweep_file, bench_file)
     plain = re.sub(r"[^A-Za-z0-9]+", "-", swept.name).strip("-").lower()[:60] or "sweep"
     folder = RUNS / plain if out is None else out
@@ -143,15 +146,16 @@ def sweep(
         allowed = "not with real instruments: what is set by hand has to be confirmed by who sets it"
         raise ConfigurationError(bench.source, [Problem("--yes", ", ".join(real), allowed)])
     fitted = None if model is None else load_model(model, swept.rig)
-    request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes, live, fitted)
+    request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes, fitted)
     _dry_check(request, screen)
     if dry:
         screen.say("nothing has moved")
         return
-    with held(folder):
+    with on_page(screen) if live else nullcontext() as view, held(folder):
         now = begun(request)  # read anew: another sweep may have been at work here until just now
         try:
-            Sweeping(request, now, screen, SystemClock(), centre=partial(_centred, folder)).all()
+            find_centre = partial(_centred, folder)
+            Sweeping(request, now, screen, SystemClock(), centre=find_centre, view=view).all()
         finally:
             state = load_state(folder) or now
             rows = [headings_of(swept), *rows_of(swept, state)]
@@ -159,8 +163,14 @@ def sweep(
             for row in rows if len(rows) > 1 else ():  # as lines, so that no path is cut
                 padded = (text.ljust(width) for text, width in zip(row, widths, strict=True))
                 screen.say("  ".join(padded).rstrip())
-        screen.say(f"report     {write_page(folder, swept, state)}")
-    screen.say(f"table      {folder / TABLE}")
+        report = write_page(folder, swept, state)
+        screen.say(f"report     {report}")
+        screen.say(f"table      {folder / TABLE}")
+        if as_json:
+            files = {"report": str(report), "table": str(folder / TABLE)}
+            print_json({**files, "points": points_of(swept, state)})
+        if view is not None:
+            come_to(view, screen, f"finished: {folder}", report=report)
     bad = state.ended("failed", "interlock")
     if bad:
         named, count = points_named(list(bad)), len(swept.points)

@@ -75,9 +75,7 @@ def ran(
     for told in too_late(scenario, bench):
         screen.warn(told)
     with _told(callbacks) as consumer, unguarded_main():
-        request = RunRequest(
-            scenario, bench, connect, folder, consumers=(consumer,), enough=until, view_stays=False
-        )
+        request = RunRequest(scenario, bench, connect, folder, consumers=(consumer,), enough=until)
         return Log(run_scenario(request, screen, SystemClock()))
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from daq.errors import InstrumentAbsent
 from rig.live.page_server import PageServer, Teller
@@ -14,16 +15,13 @@ from rig.live.picture import Layout
 from rig.live.view import (
     LAST_WORDS_S,
     Dropped,
-    Elsewhere,
-    Levels,
+    OfThePage,
+    Outcome,
     Progress,
     Sender,
     Shown,
-    Swept,
     queue_bytes,
 )
-
-_OF_THE_PAGE_ALONE = (Progress, Elsewhere, Levels, Swept)
 
 
 def tell_page(pipe: Connection, onward: Connection, page_port: int) -> None:
@@ -45,7 +43,10 @@ def tell_page(pipe: Connection, onward: Connection, page_port: int) -> None:
             match frame:
                 case Dropped(count):
                     time_line.lost_before = count
-                case _ if not isinstance(frame, _OF_THE_PAGE_ALONE):
+                case Outcome(report=Path() as report):
+                    with suppress(OSError):  # then the page has no report, the folder of the run may
+                        tell.report(report.read_bytes())
+                case _ if not isinstance(frame, OfThePage):
                     if isinstance(frame, Layout):
                         time_line.maximum_bytes = queue_bytes(frame)
                     time_line.pass_on(pickled, ages=False)

@@ -30,6 +30,7 @@ _HELD_S, _HEARD_S, _ANSWERS_S = 10.0, 5.0, 2.0
 _STARTS_S, _LOOK_S = 10.0, 0.05
 IDLE_S: Final = 3600.0
 _LARGEST: Final = 32 << 20
+_HTML: Final = "text/html; charset=utf-8"
 _PAGES: Final = {"/": "page.html", "/monitor": "monitor.html"}
 """Each goes to the other where the state is of the other kind."""
 
@@ -53,6 +54,7 @@ class PageServer(ThreadingHTTPServer):
         self._changed = threading.Condition()
         self._state, self._number = b"null", time.time_ns()
         self._began = 0.0
+        self.report = b""
         self._ends = False
         self._told_s = -_HEARD_S
         self.asked_s = time.monotonic()
@@ -82,6 +84,12 @@ class PageServer(ThreadingHTTPServer):
             self._changed.notify_all()
         return True
 
+    def tell_report(self, report: bytes, began: float) -> None:
+        """Take the report of the run that began then, a page; an earlier run's is not asked for any more."""
+        with self._changed:
+            if began >= self._began:
+                self.report = report
+
     def after(self, number: int) -> tuple[int, bytes] | None:
         """The newest state if it is another than `number`, at once or when it comes; None if none does."""
         with self._changed:
@@ -107,7 +115,7 @@ class _Handler(BaseHTTPRequestHandler):
         match path:
             case _ if path in _PAGES:
                 page = Path(__file__).with_name(_PAGES[path]).read_bytes()
-                self._answer(page, "text/html; charset=utf-8")
+                self._answer(page, _HTML)
             case "/about":
                 self._answer(json.dumps(_ABOUT | {"pid": os.getpid()}).encode())
             case "/state":
@@ -116,6 +124,8 @@ class _Handler(BaseHTTPRequestHandler):
                     self._answer(b"", status=HTTPStatus.NO_CONTENT)
                 else:
                     self._answer(found[1], number=found[0])
+            case "/report" if self.server.report:
+                self._answer(self.server.report, _HTML)
             case _:
                 self._answer(b"", status=HTTPStatus.NOT_FOUND)
 
@@ -124,10 +134,14 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._from_here() or not size.isdecimal() or int(size) > _LARGEST:
             self.close_connection = True
             return
-        body, began = self.rfile.read(int(size)), self.path.removeprefix("/state/")
+        body, (path, _, began) = self.rfile.read(int(size)), self.path.rpartition("/")
         with suppress(ValueError):
             if float(began) <= time.time() + _HEARD_S:  # else nobody would ever be newer
-                self.server.tell(body, float(began))
+                match path:
+                    case "/state":
+                        self.server.tell(body, float(began))
+                    case "/report":
+                        self.server.tell_report(body, float(began))
         self._answer(b"", status=HTTPStatus.NO_CONTENT)
 
     def do_DELETE(self) -> None:
@@ -166,20 +180,27 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 class Teller:
-    """Tells the page at `port` the newest state in a thread of its own; who calls never waits."""
+    """Tells the page at `port` the newest state, and a report, in its own thread; who calls never waits."""
 
     def __init__(self, port: int) -> None:
         self._port = port
         self._began = time.time()
-        self._newest: bytes | None = None
+        self._untold: dict[str, bytes] = {}
         self._changed = threading.Condition()
         self._ends = False
         self._thread = threading.Thread(target=self._run, name="live page teller", daemon=True)
         self._thread.start()
 
     def __call__(self, state: bytes) -> None:
+        self._tell("state", state)
+
+    def report(self, page: bytes) -> None:
+        """The run's report, before the state that links to it."""
+        self._tell("report", page)
+
+    def _tell(self, what: str, body: bytes) -> None:
         with self._changed:
-            self._newest = state
+            self._untold[what] = body
             self._changed.notify()
 
     def close(self, timeout_s: float) -> None:
@@ -193,15 +214,16 @@ class Teller:
         link = http.client.HTTPConnection(HOST, self._port, timeout=_ANSWERS_S)
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._newest is not None or self._ends)
-                state, self._newest = self._newest, None
-            if state is None:
+                self._changed.wait_for(lambda: self._untold or self._ends)
+                untold, self._untold = self._untold, {}
+            if not untold:
                 break
-            try:
-                link.request("PUT", f"/state/{self._began!r}", state)
-                link.getresponse().read()
-            except (OSError, http.client.HTTPException):
-                link.close()  # the next state tries again: somebody may have started it anew
+            for what in sorted(untold):
+                try:
+                    link.request("PUT", f"/{what}/{self._began!r}", untold[what])
+                    link.getresponse().read()
+                except (OSError, http.client.HTTPException):
+                    link.close()  # the next state tries again: somebody may have started it anew
         link.close()
 
 

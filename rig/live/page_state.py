@@ -18,7 +18,7 @@ from daq.log.records import RECORD_END, STOPPING, Event, Impact
 from rig.live import paths
 from rig.live.picture import Layout
 from rig.live.sketch import FRAMES
-from rig.live.view import Dropped, Elsewhere, Levels, Progress, Shown, Swept
+from rig.live.view import Dropped, Elsewhere, Levels, Outcome, Progress, Shown, Swept
 from rig.pages.words import as_written, number
 from rig.stream import Block, LastSeconds, Record, Shape
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
@@ -117,6 +117,7 @@ class PageState:
         self._events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
         self._dropped = 0
         self._swept: Swept | None = None
+        self._outcome: Outcome | None = None
         self._ended = False
         self._changed, self._due_s = True, 0.0
         self._lay_out()
@@ -150,7 +151,7 @@ class PageState:
         self._changed = True
         match frame:
             case Layout():  # of the next run, maybe
-                self._layout, self._start_ns = frame, None
+                self._layout, self._start_ns, self._outcome = frame, None, None
                 self._events.clear()
                 self._lay_out()
             case Progress():
@@ -162,6 +163,8 @@ class PageState:
                 self._note_levels(dict(zip(self._layout.origins.get("measured", ()), most, strict=False)))
             case Swept():
                 self._swept = frame
+            case Outcome():
+                self._outcome = frame
             case Elsewhere(url):
                 self._elsewhere = url
             case Dropped(records):
@@ -247,6 +250,7 @@ class PageState:
             "figures": self._figures(),
             "events": list(self._events),
             "dropped": self._dropped,
+            "outcome": None if self._outcome is None else _told(self._outcome),
             "swept": None if self._swept is None else self._swept._asdict(),
             "sketch": None if self._sketch is None else self._sketch.drawn(self._angles()),
         }
@@ -334,6 +338,11 @@ class PageState:
                 if at[0] >= max(trace.recent.first_sample, 0):
                     found[origin] = trace.recent.between(int(at[0]), int(at[-1]) + 1)[at - at[0]]
         return found
+
+
+def _told(outcome: Outcome) -> dict[str, Any]:
+    report = None if outcome.report is None else outcome.report.name
+    return {"sentences": outcome.sentences, "well": outcome.well, "report": report}
 
 
 def _steps(values: Array | None, low: float, high: float) -> list[list[int | None]] | None:

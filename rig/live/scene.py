@@ -20,7 +20,7 @@ from rig.live import paths
 from rig.live.axes import SpectrumPicture
 from rig.live.picture import Layout, OwnViews, Stage
 from rig.live.series import CycleFigurePlots, line_style
-from rig.live.view import Dropped, Elsewhere, Levels, Progress, Shown, Swept
+from rig.live.view import Dropped, OfThePage, Shown
 from rig.stream import Block, LastSeconds, Record, Shape
 
 Item = TypeVar("Item")
@@ -112,9 +112,9 @@ class Scene:
     def show(self, frames: Iterable[Shown]) -> None:
         """Show each as soon as it is due, until there are no more."""
         for frame in frames:
+            if isinstance(frame, OfThePage | Layout):
+                continue
             match frame:
-                case Progress() | Elsewhere() | Levels() | Swept() | Layout():
-                    continue  # of the page alone
                 case Dropped(records):
                     self._show_dropped(records)
                 case Shape():

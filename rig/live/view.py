@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import psutil
@@ -70,6 +71,14 @@ class Levels(NamedTuple):
     most: list[float]
 
 
+class Outcome(NamedTuple):
+    """What a run came to: the sentences of its verdict, whether it is `well`, the file of its report."""
+
+    sentences: tuple[str, ...]
+    well: bool | None
+    report: Path | None
+
+
 class Swept(NamedTuple):
     """What the points of a sweep have come to: `title`, then by whose mean and scatter at each of `at`.
 
@@ -83,7 +92,9 @@ class Swept(NamedTuple):
     plots: dict[str, dict[str, list[tuple[float, float] | None]]]
 
 
-Shown = Block | Shape | Event | Impact | Dropped | Layout | Progress | Elsewhere | Levels | Swept
+OfThePage = Progress | Elsewhere | Levels | Swept | Outcome
+"""What the operator's page shows and the time line does not."""
+Shown = Block | Shape | Event | Impact | Dropped | Layout | OfThePage
 """What goes to the view's processes; of anything else no view shows something."""
 
 

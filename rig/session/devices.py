@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from daq.channel import Channel
 from daq.errors import EmergencyStop, InstrumentError
@@ -20,14 +20,10 @@ from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.session.acquisition import JOIN_S
 from rig.session.drive import Motion, drive_off_after
-from rig.session.on_page import on_page
 from rig.session.progress import Screen
 from rig.session.signals import StopRequest
 from rig.session.supervisor import Supervisor
 from rig.worker_process import Crew
-
-if TYPE_CHECKING:
-    from rig.live.view import LiveView
 
 
 class InstrumentsMissing(InstrumentError):
@@ -139,15 +135,13 @@ def connected(
 class Standing:
     """The devices of one run after the other: connected once for all that differ in their drive alone.
 
-    `supervisor` watches them, `crew` predicts and derives, one `view` shows all, from the first that asks for
-    it to the end. The drive is off between two runs. A run that raises anything is to be the last before
-    `close`, and whoever sets something by hand closes before.
+    `supervisor` watches them, `crew` predicts and derives. The drive is off between two runs. A run
+    that raises anything is to be the last before `close`, and whoever sets something by hand closes before.
     """
 
     def __init__(self, connect: Connect) -> None:
         self._connect = connect
-        self._open, self._shown = ExitStack(), ExitStack()
-        self._view: LiveView | None = None
+        self._open = ExitStack()
         self._what: object = None
         self._devices: tuple[Devices, dict[str, str]]
         self._supervisor: Supervisor | None = None
@@ -159,13 +153,6 @@ class Standing:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._shown.push(self._let_go)  # while the view is there to say why
-        self._shown.__exit__(kind, error, trace)
-        self._view = None
-
-    def _let_go(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
         opened, self._open = self._open, ExitStack()
         self._what = self._supervisor = None
         with StopRequest():  # a person who asks twice leaves nothing half closed
@@ -173,13 +160,7 @@ class Standing:
 
     def close(self) -> None:
         """Switch the drive off, end all that watches, and hang up."""
-        self._let_go(None, None, None)
-
-    def view(self, screen: Screen) -> LiveView:
-        """What shows all runs, started for the first."""
-        if self._view is None:
-            self._view = self._shown.enter_context(on_page(screen))
-        return self._view
+        self.__exit__(None, None, None)
 
     def supervised(self, make: Callable[[], Supervisor]) -> Supervisor:
         """The supervisor of the devices, made for the first run."""

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rig.session.progress import Screen
+from rig.session.signals import StopRequest
 
 if TYPE_CHECKING:
     from rig.live.picture import Layout
     from rig.live.view import LiveView
+    from rig.report.record import Verdict
 
-VIEW_STAYS: Final = "the time line of the live view stays open; Enter closes it"
+_STAYS: Final = "the time line of the live view stays open; Enter closes it"
 
 
 @contextmanager
@@ -57,3 +60,16 @@ def show(view: LiveView, layout: Layout, screen: Screen) -> None:
     for what, url in (("live view ", view.page_url), ("time line ", view.url)):
         if url:
             screen.say(f"{what} {url}")
+
+
+def come_to(
+    view: LiveView, screen: Screen, what: str, verdict: Verdict | None = None, report: Path | None = None
+) -> None:
+    """Show what it came to; then the view stays until a person, if there is one, closes it."""
+    from rig.live.view import Outcome
+
+    sentences, well = ((), None) if verdict is None else (verdict.sentences, verdict.well)
+    view.offer(Outcome(sentences, well, report))
+    screen.stage(what)
+    with StopRequest() as stop:
+        screen.hold(_STAYS, lambda: stop.wanted)

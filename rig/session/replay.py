@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from daq.block import NS_PER_S, sample_time_ns
 from daq.clock import Clock
@@ -15,7 +16,7 @@ from daq.log.reader import SURROGATE, LogReader, Origin
 from daq.log.records import RANGE, Impact
 from rig.derived.derivation import ORIGINS, derivation_of, derived_channels
 from rig.files.scenario import AcquisitionSection
-from rig.session.on_page import VIEW_STAYS, on_page, show
+from rig.session.on_page import show
 from rig.session.pace import Work
 from rig.session.progress import LOG_S, Screen
 from rig.session.signals import StopRequest
@@ -25,12 +26,20 @@ from rig.twin.logged import align_to, predicting_twin, scenario_of
 from rig.twin.prediction import AlignedTwin
 from sim_twin.twin import AnyTwin
 
+if TYPE_CHECKING:
+    from rig.live.view import LiveView
+
 _ALIGN_ON_S = 2.0
 PLAYED: tuple[Origin, ...] = (*ORIGINS, SURROGATE)
 
 
 def replay_log(
-    path: Path, speed: float, live: bool, screen: Screen, clock: Clock, consumers: tuple[Consumer, ...] = ()
+    path: Path,
+    speed: float,
+    view: LiveView | None,
+    screen: Screen,
+    clock: Clock,
+    consumers: tuple[Consumer, ...] = (),
 ) -> int:
     """Play every block and event in the order of their times; returns the number of blocks.
 
@@ -39,7 +48,6 @@ def replay_log(
     """
     with ExitStack() as stack:
         stop = stack.enter_context(StopRequest())
-        view = stack.enter_context(on_page(screen)) if live else None
         log = stack.enter_context(LogReader(path))
         if not log.channels("measured") and not log.channels("predicted"):
             raise LogError(f"{path}: no channels in it")
@@ -72,9 +80,6 @@ def replay_log(
             count = _play(log, speed, clock, stop, stream, told)
             derivation.finish()
         screen.say(f"derived    {derived}")
-        screen.stage(f"replayed: {path}")
-        if live:
-            screen.hold(VIEW_STAYS, lambda: stop.wanted)
         return count
 
 

@@ -29,7 +29,7 @@ from rig.session.devices import Connect, Standing, connected
 from rig.session.driven_rig import DrivenRig
 from rig.session.encoder_record import encoder_channel
 from rig.session.frequency import HELD, ON_THEIR_WAY_S, FrequencyCheck, FrequencyHold, Trimmed
-from rig.session.on_page import VIEW_STAYS, on_page, show
+from rig.session.on_page import show
 from rig.session.pace import Work
 from rig.session.progress import FIRST_START, Screen
 from rig.session.signals import StopRequest
@@ -160,21 +160,20 @@ class RunRequest:
     `model`: what calibration found of the rig; None where the twin is the scenario's. `consumers` get every
     record; `enough` is asked in the acquisition thread after each reading that was recorded, and must be
     quick: once it returns True, the record ends with that reading. `open_ended`: nothing else is meant to end
-    it. `view_stays` until a person closes it. `path`: the sections [drive] that the drive comes through
-    before it settles. `armed`: it waits for Enter, with all connected and measuring, before anything moves.
-    `standing` has the devices where they stay connected for the next run. `swept` is shown beside it.
+    it. `path`: the sections [drive] that the drive comes through before it settles. `armed`: it waits for
+    Enter, with all connected and measuring, before anything moves. `standing` has the devices where they stay
+    connected for the next run. `swept` is shown beside it.
     """
 
     scenario: Scenario
     bench: Bench
     connect: Connect
     folder: Path
-    live: bool = False
+    view: LiveView | None = None
     model: ModelFile | None = None
     consumers: tuple[Consumer, ...] = ()
     enough: Callable[[], bool] = lambda: False
     open_ended: bool = False
-    view_stays: bool = True
     path: tuple[Any, ...] = ()
     armed: bool = False
     standing: Standing | None = None
@@ -185,9 +184,6 @@ def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
     """Run and return the path of the log. Whatever happens and is raised, the drive is off after it."""
     scenario, bench, standing = request.scenario, request.bench, request.standing
     with ExitStack() as stack:
-        view = None
-        if request.live:
-            view = stack.enter_context(on_page(screen)) if standing is None else standing.view(screen)
         stop = stack.enter_context(StopRequest())
         if standing is None:
             devices, notes = connected(stack, request.connect, scenario, bench, screen, stop)
@@ -195,7 +191,7 @@ def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
             devices, notes = standing.connected(scenario, bench, screen, stop)
         rig = DrivenRig(bench, devices, stop, screen, RunClock(clock), standing)
         rig.motion = rig.motion.with_drive(scenario.drive)
-        return _Run(request, rig, notes, stop, view).execute(stack)
+        return _Run(request, rig, notes, stop).execute(stack)
 
 
 class _Run:
@@ -207,11 +203,10 @@ class _Run:
         rig: DrivenRig,
         notes: dict[str, str],
         stop: StopRequest,
-        view: LiveView | None,
     ) -> None:
         self._request, self._scenario = request, request.scenario
-        self._rig, self._notes, self._stop, self._view = rig, notes, stop, view
-        self._dropped_before = 0 if view is None else view.dropped
+        self._rig, self._notes, self._stop = rig, notes, stop
+        self._dropped_before = 0 if request.view is None else request.view.dropped
         self._hold: FrequencyHold | None = None
         self._frequency: FrequencyCheck | None = None
         held = RIGS[self._scenario.rig].held_sine(self._scenario.drive)
@@ -263,7 +258,7 @@ class _Run:
         stack.callback(lambda: derivation.finish(rig.logbook.note))  # however the run ends
         stack.callback(feed.worker.close)  # what it predicts from then on would not be derived from
         readers: list[Reader] = [lambda reading: feed.take(reading, rig.acquisition)]
-        if (view := self._view) is not None:
+        if (view := self._request.view) is not None:
             readers.append(self._show(view, twin, origins["measured"], derived))
         if (hold := self._hold) is not None:
             row = rig.names.index(hold.channel)
@@ -288,8 +283,6 @@ class _Run:
             rig.logbook.tell("info", "view.dropped", f"{dropped} blocks were not shown")
         rig.recorder.close()
         rig.screen.stage(f"finished: {log}")
-        if view is not None and self._request.view_stays:
-            rig.screen.hold(VIEW_STAYS, lambda: self._stop.wanted)
         return log
 
     def _matched(self) -> AnyTwin:

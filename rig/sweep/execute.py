@@ -7,6 +7,7 @@ import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from daq.block import SampleBlock, values_of
 from daq.clock import Clock
@@ -28,6 +29,7 @@ from rig.sweep.results import outcome_of, swept_so_far, write_results
 from rig.sweep.state import (
     SCHEMA,
     CentreState,
+    Outcome,
     PointState,
     SweepState,
     check_unchanged,
@@ -36,6 +38,10 @@ from rig.sweep.state import (
     save_state,
 )
 
+if TYPE_CHECKING:
+    from rig.live.view import LiveView
+
+_LOGS = "*.mcap"
 Run = Callable[[RunRequest, Screen, Clock], Path]
 Centre = Callable[[Scenario, Bench, Screen], CentreState]
 
@@ -45,8 +51,8 @@ class SweepRequest:
     """What to sweep, on what, and where to.
 
     `again` are points that are to be recorded although they have ended; `set_again` has every position that
-    is set by hand confirmed anew; `rehearsal` confirms them without a person. `live` shows each point in a
-    browser, `model` is what every twin is matched by.
+    is set by hand confirmed anew; `rehearsal` confirms them without a person. `model` is what every
+    twin is matched by.
     """
 
     sweep: Sweep
@@ -56,7 +62,6 @@ class SweepRequest:
     again: frozenset[int] = frozenset()
     set_again: bool = False
     rehearsal: bool = False
-    live: bool = False
     model: ModelFile | None = None
 
 
@@ -72,7 +77,10 @@ def begun(request: SweepRequest) -> SweepState:
 
 
 class Sweeping:
-    """A sweep that goes on from `state`; `run` records a point, `centre` finds what centres the beam."""
+    """A sweep that goes on from `state`, shown in `view`.
+
+    `run` records a point, `centre` finds what centres the beam.
+    """
 
     def __init__(
         self,
@@ -82,9 +90,10 @@ class Sweeping:
         clock: Clock,
         run: Run = run_scenario,
         centre: Centre | None = None,
+        view: LiveView | None = None,
     ) -> None:
         self._request, self._state, self._screen, self._clock = request, state, screen, clock
-        self._run, self._centre = run, centre
+        self._run, self._centre, self._view = run, centre, view
         emulation = dataclasses.replace(request.bench.emulation, seed=state.seed)
         self._bench = dataclasses.replace(request.bench, emulation=emulation)
 
@@ -126,7 +135,7 @@ class Sweeping:
                     hands = {**self._state.by_hand, axis.key: value}
                     self._keep(dataclasses.replace(self._state, by_hand=hands, centre=None))
             began_s = self._clock.monotonic_s()
-            self._point(step.point, standing, last=step is todo[-1])
+            self._point(step.point, standing)
             if not connects(before, step.point):
                 work = work_of(self._request.sweep, step.point)
                 self._screen.paces.took(work, self._clock.monotonic_s() - began_s)
@@ -136,7 +145,7 @@ class Sweeping:
         ended = self._state.points.get(number)
         return number in self._request.again or ended is None or ended.outcome == "stopped"
 
-    def _point(self, point: Point, standing: Standing, last: bool) -> None:
+    def _point(self, point: Point, standing: Standing) -> None:
         with StopRequest() as stop:  # what comes between two runs must not end the program in mid-write
             come_to = self._centred(point, standing)
             scenario = come_to.scenario
@@ -150,16 +159,15 @@ class Sweeping:
                 self._bench,
                 self._request.connect,
                 folder,
-                self._request.live,
+                self._view,
                 self._request.model,
                 () if counted is None else (counted,),
                 (lambda: False) if counted is None else counted.enough,
-                view_stays=last,
                 path=come_to.path,
                 standing=standing,
-                swept=swept_so_far(self._request.sweep, self._state, point) if self._request.live else None,
+                swept=None if self._view is None else swept_so_far(self._request.sweep, self._state, point),
             )
-            with self._told(point.number):
+            with self._told(point.number, folder):
                 log = self._run(asked, self._screen, self._clock)
             impacts = None if counted is None else counted.count
             number = point.number
@@ -176,20 +184,25 @@ class Sweeping:
             stop.check()
 
     @contextmanager
-    def _told(self, number: int) -> Iterator[None]:
-        """Write down why a point ended before it was recorded, and say what comes of it."""
+    def _told(self, number: int, folder: Path) -> Iterator[None]:
+        """Write down why a point ended early, with what it left of a log, and say what comes of it."""
+        before = {*folder.glob(_LOGS)}
+
+        def keep(outcome: Outcome, why: str) -> None:
+            logs = (str(each.relative_to(self._request.folder)) for each in {*folder.glob(_LOGS)} - before)
+            self._keep(self._state.with_point(number, PointState(outcome, next(logs, None), why)))
+
         try:
             yield
         except EmergencyStop as error:  # which says nothing of the point
-            self._keep(self._state.with_point(number, PointState("stopped", why=str(error))))
+            keep("stopped", str(error))
             raise
         except InterlockTripped as error:
-            self._keep(self._state.with_point(number, PointState("interlock", why=str(error))))
+            keep("interlock", str(error))
             goes_on = f"the same call goes on after it, --again {number} repeats it"
             raise InterlockTripped(f"point {number}: {error}; {goes_on}") from error
         except (RattleError, KeyboardInterrupt) as error:
-            ended = PointState("stopped", why=str(error) or "interrupted")
-            self._keep(self._state.with_point(number, ended))
+            keep("stopped", str(error) or "interrupted")
             self._screen.say(f"point {number} was not done: the same call repeats it and goes on")
             raise
 

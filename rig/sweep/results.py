@@ -120,6 +120,16 @@ def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
     return folder / TABLE
 
 
+def points_of(sweep: Sweep, state: SweepState) -> list[dict[str, Any]]:
+    """Each point that has ended, for a program: its settings, and what `PointState` holds of it."""
+    ended = ((point, state.points.get(point.number)) for point in sweep.points)
+    return [
+        {"point": point.number, "settings": dict(point.settings), **dataclasses.asdict(each)}
+        for point, each in ended
+        if each is not None
+    ]
+
+
 PAGE: Final = "sweep.html"
 _ROW_PX: Final = 240
 _BARS: Final = "Bars: standard deviation of the peaks."

@@ -90,6 +90,11 @@ def test_a_run_at_a_terminal_is_armed_waits_for_enter_and_is_told_to_its_end(
         assert bench.spy.moved
         assert {"settling", "recording"} <= set(watched.stages)
         assert all(each is not None for each in recorded["channels"][0]["traces"]["predicted"])
+        while not (found := watched.await_stage("finished"))["outcome"]:
+            pass  # judged and reported only now
+        assert found["outcome"]["sentences"][0].startswith("Not judged")
+        report = tmp_path / found["outcome"]["report"]
+        assert server.report == report.read_bytes()
         os.write(ours, b"\n")  # closes the time line
         assert run.wait(DEADLINE_S) == 0, b"".join(said).decode()
         while not watched.await_stage("finished")["ended"]:

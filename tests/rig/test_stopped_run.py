@@ -67,7 +67,7 @@ def test_its_replay_compares_the_same(stopped: Path, steady: Path) -> None:
     with LogReader(stopped) as log:
         assert log.stopped_ns is not None
         collector = RunCollector(log)
-        replay_log(stopped, 0.0, False, Screen(Terminal(quiet=True)), SystemClock(), (collector,))
+        replay_log(stopped, 0.0, None, Screen(Terminal(quiet=True)), SystemClock(), (collector,))
         assert rms(collector.record()) == rms(read_run(steady))
         assert max(each.time_ns for each in collector.record().impacts) < log.stopped_ns
 

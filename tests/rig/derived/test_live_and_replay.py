@@ -84,7 +84,7 @@ def logged(path: Path) -> dict[object, object]:
 
 def replayed(path: Path) -> dict[object, object]:
     kept = Kept()
-    replay_log(path, 0.0, False, silent_screen(), SystemClock(), (kept,))
+    replay_log(path, 0.0, None, silent_screen(), SystemClock(), (kept,))
     return contents(kept)
 
 

@@ -132,6 +132,18 @@ def test_what_no_run_tells_changes_nothing(server: PageServer, path: str) -> Non
     assert ask(server, "GET", "/state") == (200, b"ours")
 
 
+def test_a_run_hands_its_report_to_the_page(server: PageServer) -> None:
+    assert ask(server, "GET", "/report")[0] == 404
+    teller = Teller(server.port)
+    teller.report(b"<p>sound</p>")
+    teller(b"over")
+    assert await_state(server, b"over")
+    assert ask(server, "GET", "/report") == (200, b"<p>sound</p>")
+    server.tell_report(b"of an earlier run", 1.0)
+    assert ask(server, "GET", "/report") == (200, b"<p>sound</p>")
+    teller.close(1.0)
+
+
 def test_a_port_that_another_program_has_is_refused_with_what_to_do() -> None:
     with socket.create_server((HOST, 0)) as other:
         port = other.getsockname()[1]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
-from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from daq.errors import LogError
 from daq.log.reader import LogReader
 from daq.log.writer import LogWriter
 from rig.live.picture import Bounds, Layout
+from rig.live.view import LiveView
 from rig.session.overlay import overlay_run
 from rig.session.replay import ShapeFollower, replay_log
 from rig.session.signals import Stopped
@@ -74,7 +75,7 @@ def test_every_block_and_event_comes_once_and_in_order(log: Path, tmp_path: Path
         expected = {(o, b.channel, b.first_sample): b.values.tobytes() for o, b in reader.blocks()}
         events = reader.events()
     kept = Kept()
-    assert replay_log(log, 0, False, silent_screen(), SteppedClock(), (kept,)) == len(expected)
+    assert replay_log(log, 0, None, silent_screen(), SteppedClock(), (kept,)) == len(expected)
     played = [each for each in kept.records if isinstance(each, Block) and each.origin != "derived"]
     blocks = [(each.origin, each.samples) for each in played]
     assert {(o, b.channel, b.first_sample): b.values.tobytes() for o, b in blocks} == expected
@@ -88,7 +89,7 @@ def test_every_block_and_event_comes_once_and_in_order(log: Path, tmp_path: Path
 def test_it_keeps_the_pace_of_the_record(log: Path, speed: float) -> None:
     clock = SteppedClock()
     kept = Timed(clock)
-    replay_log(log, speed, False, silent_screen(), clock, (kept,))
+    replay_log(log, speed, None, silent_screen(), clock, (kept,))
     for at_s, end_s in kept.at_s:
         # its event at the start of the record is the first to come, and blocks come when they end
         assert at_s == pytest.approx(end_s / speed, abs=1e-6)
@@ -96,7 +97,7 @@ def test_it_keeps_the_pace_of_the_record(log: Path, speed: float) -> None:
 
 def test_as_fast_as_possible_waits_for_nothing(log: Path) -> None:
     clock = SteppedClock()
-    replay_log(log, 0, False, silent_screen(), clock)
+    replay_log(log, 0, None, silent_screen(), clock)
     assert clock.now_s == 100.0
 
 
@@ -109,7 +110,7 @@ def test_a_stop_is_heard_between_blocks(log: Path) -> None:
 
     kept = Stopping()
     with pytest.raises(Stopped, match="stopped by a person"):
-        replay_log(log, 1.0, False, silent_screen(), SteppedClock(), (kept,))
+        replay_log(log, 1.0, None, silent_screen(), SteppedClock(), (kept,))
     assert len(kept.of("measured", "predicted", "nominal")) == 1
 
 
@@ -117,7 +118,7 @@ def test_a_log_without_channels_is_refused(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "empty.mcap") as writer:
         writer.add_metadata("scenario", {"toml": "x = 1"})
     with pytest.raises(LogError, match="no channels in it"):
-        replay_log(tmp_path / "empty.mcap", 0, False, silent_screen(), SteppedClock())
+        replay_log(tmp_path / "empty.mcap", 0, None, silent_screen(), SteppedClock())
 
 
 ACQUISITION = '[acquisition]\nsample_rate = "51.2 kHz"\nduration = "1 s"\n'
@@ -150,10 +151,9 @@ def test_ranges_and_limits_stand_beside_the_levels(tmp_path: Path, monkeypatch: 
     bench = {f"range.{name}": text for name, text in full_scales.items()}
     run = write_log(tmp_path / "run.mcap", 0.1, origins=["measured"], scenario=limited, bench=bench)
     shown: list[Layout] = []
-    view = SimpleNamespace(offer=lambda record: None)
-    monkeypatch.setattr("rig.session.replay.on_page", lambda screen: nullcontext(view))
+    view = cast(LiveView, SimpleNamespace(offer=lambda record: None))
     monkeypatch.setattr("rig.session.replay.show", lambda view, layout, screen: shown.append(layout))
-    replay_log(run, 0, True, silent_screen(), SteppedClock())
+    replay_log(run, 0, view, silent_screen(), SteppedClock())
     known = {name: bounds for name, bounds in shown[0].bounds.items() if bounds != Bounds()}
     assert known == {"contact.force_upper": Bounds(200.0, 30.0, 50.0), "yoke.force": Bounds(150.0)}
 
@@ -165,7 +165,7 @@ def test_recordings_of_another_program_are_played(name: str) -> None:
     kept = Kept()
     with LogReader(path) as reader:
         samples = {channel: row.end_sample for channel, row in reader.table("measured").items()}
-    replay_log(path, 0, False, silent_screen(), SteppedClock(), (kept,))
+    replay_log(path, 0, None, silent_screen(), SteppedClock(), (kept,))
     played = {channel: sum(len(block) for block in kept.blocks(channel)) for channel in samples}
     assert played == samples
     assert set(played) >= {channel.name for channel in CHANNELS}

@@ -6,11 +6,11 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -23,6 +23,7 @@ from rig.derived import derivation
 from rig.files.bench import embedded_bench
 from rig.files.scenario import Scenario, edited, parse_scenario
 from rig.live.picture import Layout
+from rig.live.view import LiveView
 from rig.session import driven_rig, twin_feed
 from rig.session.centring import plan_of
 from rig.session.centring_run import find_centre
@@ -291,7 +292,8 @@ class InTurn:
     def __init__(self, rig: Rig) -> None:
         self.rig, self.opened = rig, 0
         self.before: dict[float, Callable[[], None]] = {}
-        self.live, self.said = False, ""
+        self.view: LiveView | None = None
+        self.said = ""
 
     def connect(self, *_: object) -> tuple[Devices, dict[str, str]]:
         self.opened += 1
@@ -306,7 +308,7 @@ class InTurn:
                 scenario = edited(self.rig.scenario, {"drive.frequency": f"{each} Hz", **short}, "in turn")
                 rig = self.rig
                 request = RunRequest(
-                    scenario, rig.bench, self.connect, rig.folder, self.live, standing=standing
+                    scenario, rig.bench, self.connect, rig.folder, self.view, standing=standing
                 )
                 run_scenario(request, screen, SystemClock())
                 assert self.rig.told()[-1] == "off"
@@ -422,28 +424,13 @@ class FakeView:
         self.dropped += 1
 
 
-def test_one_view_shows_all_runs_on_what_stands_and_outlasts_what_is_set_by_hand(
-    in_turn: InTurn, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    view, told = FakeView(), list[str]()
-
-    @contextmanager
-    def page(_: Screen) -> Iterator[FakeView]:
-        told.append("up")
-        yield view
-        told.append(f"down after {len(view.shown)}")
-
-    monkeypatch.setattr("rig.session.devices.on_page", page)
-    in_turn.live = True
+def test_one_view_shows_all_runs_on_what_stands(in_turn: InTurn) -> None:
+    view = FakeView()
+    in_turn.view = cast(LiveView, view)
     in_turn(20.0, 21.0)
-    assert told == ["up", "down after 2"]
+    assert len(view.shown) == 2
     assert view.opened == in_turn.said.count("time line ") == 1
     for log in in_turn.rig.folder.glob("*.mcap"):
         with LogReader(log) as reader:
             (dropped,) = (event.text for event in reader.events() if event.code == "view.dropped")
             assert 0 < int(dropped.split()[0]) < view.dropped  # its own alone
-    standing = Standing(in_turn.connect)
-    with standing:
-        standing.view(silent_screen())
-        standing.close()
-        assert told[2:] == ["up"]

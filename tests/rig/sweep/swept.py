@@ -14,6 +14,7 @@ from daq.log.writer import LogWriter
 from rig.files.bench import Bench, embedded_bench
 from rig.files.model_file import ModelFile
 from rig.files.sweep import Sweep, parse_sweep
+from rig.live.view import LiveView
 from rig.session.progress import Screen
 from rig.session.run import RunRequest
 from rig.stream import Block
@@ -86,7 +87,7 @@ class Trial:
     bench: Bench = dataclasses.field(default_factory=embedded_bench)
     screen: Screen = dataclasses.field(default_factory=silent_screen)
     centre: Centre | None = None
-    live: bool = False
+    view: LiveView | None = None
     model: ModelFile | None = None
 
     def call(
@@ -94,10 +95,11 @@ class Trial:
     ) -> SweepState:
         repeated = frozenset(again or ())
         request = SweepRequest(
-            self.sweep, self.bench, never, self.folder, repeated, anew, rehearsal, self.live, self.model
+            self.sweep, self.bench, never, self.folder, repeated, anew, rehearsal, self.model
         )
         self.folder.mkdir(exist_ok=True)
-        return Sweeping(request, begun(request), self.screen, SystemClock(), runs, self.centre).all()
+        state, clock = begun(request), SystemClock()
+        return Sweeping(request, state, self.screen, clock, runs, self.centre, self.view).all()
 
     @property
     def said(self) -> str:

@@ -15,6 +15,7 @@ from daq.errors import ConfigurationError, DeviceLost, EmergencyStop, InterlockT
 from rig.files.bench import parse_bench
 from rig.files.model_file import parse_model
 from rig.files.scenario import Scenario
+from rig.live.view import LiveView
 from rig.rigs import RIGS
 from rig.session.devices import Standing
 from rig.session.pace import Paces
@@ -122,6 +123,7 @@ def test_an_interlock_ends_the_sweep_and_its_point_is_not_repeated_silently(tria
     assert runs.points == [3, 4]
     assert "point 2: interlock: interlock: 190 N; not repeated without --again 2" in trial.said
     assert state.ended("interlock") == (2,)
+    assert state.points[2].log is None  # nothing was recorded
     state = trial.call(runs := Runs(), again={2})
     assert runs.points == [2]
     assert state.ended("done") == (1, 2, 3, 4)
@@ -233,11 +235,10 @@ def test_nothing_moves_where_nobody_confirms(trial: Trial, monkeypatch: pytest.M
     assert (trial.folder / FILE).is_file()
 
 
-def test_every_point_is_shown_and_predicted_by_the_model_and_only_the_last_view_stays(trial: Trial) -> None:
-    trial.live, trial.model = True, parse_model(MODEL, "model.toml", "impact_beam")
+def test_every_point_is_shown_in_the_view_and_predicted_by_the_model(trial: Trial) -> None:
+    trial.view, trial.model = LiveView(), parse_model(MODEL, "model.toml", "impact_beam")
     trial.call(runs := Runs())
-    assert [each.live for each in runs.asked] == [True] * 4
-    assert [each.view_stays for each in runs.asked] == [False, False, False, True]
+    assert [each.view for each in runs.asked] == [trial.view] * 4
     assert all(each.model is trial.model for each in runs.asked)
     trial.model = None
     with pytest.raises(ConfigurationError, match=r"model file = .changed since"):
