@@ -40,9 +40,9 @@ class HealthyBand:
 
     `typical`, `spread` and `farthest`, shape (1 + channels,), are mean, deviation and largest of the
     logarithm of the gap over all cells and over those of each channel. `limits`, so too, are in deviations
-    the most that any rig lies above the mean anywhere, so that one healthy rig in so many lies beyond. A
-    place where one rig is far from all others, such as a point that is hardly ever struck, has a limit of
-    its own.
+    the most that any rig lies above the mean of the others anywhere, so that one healthy rig in so many lies
+    beyond. A place where one rig is far from all others, such as a point that is hardly ever struck, has a
+    limit of its own.
     """
 
     measure: GapMeasure
@@ -75,11 +75,23 @@ def healthy_band(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> Hea
         others = gap_measure([*healthy[:number], *healthy[number + 1 :]], layout)
         gaps.append(_gaps(others, others.cells(blocks)))
     logs = np.log(np.array(gaps))
-    typical, spread = logs.mean(axis=0), np.maximum(logs.std(axis=0, ddof=1), _LEAST_SPREAD)
+    typical, spread = _normal(logs)
     above = np.max((logs - typical) / spread, axis=0)
     alike = above < _ALONE
-    limits = np.where(alike, above[alike].max(initial=0.0), above)
+    # as a run is held against all: by a mean and deviation that it is in itself, a rig lies nearer
+    beside = np.max([_above(logs, number) for number in range(len(logs))], axis=0)
+    limits = np.where(alike, beside[alike].max(initial=0.0), above)
     return HealthyBand(gap_measure(healthy, layout), typical, spread, logs.max(axis=0), limits, len(healthy))
+
+
+def _normal(logs: Array) -> tuple[Array, Array]:
+    return logs.mean(axis=0), np.maximum(logs.std(axis=0, ddof=1), _LEAST_SPREAD)
+
+
+def _above(logs: Array, number: int) -> Array:
+    """How many deviations one rig lies above the mean of the others."""
+    mean, deviation = _normal(np.delete(logs, number, axis=0))
+    return np.asarray((logs[number] - mean) / deviation)
 
 
 def _places(layout: Layout) -> list[str]:
