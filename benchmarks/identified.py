@@ -34,7 +34,7 @@ from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y
 from benchmarks.blind.engines import engine_of
 from benchmarks.blind.intervals import wilson
 from benchmarks.blind.logs import write_log
-from benchmarks.blind.operating_points import PointOfRun, beam_points, crank_points, scenario_text
+from benchmarks.blind.operating_points import PointOfRun, points, scenario_text
 from rig.diagnosis.health import band_of
 from rig.diagnosis.identify import wide_of
 from rig.diagnosis.recordings import recorded_alone
@@ -101,10 +101,9 @@ BUILT: Final[Mapping[str, Callable[[Mapping[str, float], Any], Any]]] = {BEAM: b
 
 
 def points_of(rig: str, runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
-    if rig == CRANK:
-        return crank_points(runs, rng)
-    first, *others = beam_points(runs, "steel", rng)
-    return (first, *({**each, "clearance": first["clearance"]} for each in others))
+    first, *others = points(rig, runs, rng)
+    gaps = {key: value for key, value in first.items() if key.startswith("clearance")}
+    return (first, *({**each, **gaps} for each in others))
 
 
 def recorded_runs(

@@ -2,9 +2,11 @@
 
 Runs `rattle run --live` on the emulated beam with 16 channels and then with 64, or as many as are asked for,
 and opens the address that it prints, as soon as it does, in Chromium, which draws in software. Prints: from
-the address to the first picture; how far behind the newest sample, and behind the prediction's, the page was
-each time it had drawn, while the run recorded; in the middle of the record, texts that are cut or lie on each
-other, and channels that have all their traces. Run and browser share this machine's cores.
+the address to the first picture; how far behind the newest sample that the run had, and behind the newest
+predicted one, the page was each time it had drawn, while the run recorded, and how far behind the clock, to
+which the bar is held: it counts what emulates the card as well; in the middle of the record, texts that are
+cut or lie on each other, and channels that have all their traces. Run and browser share this machine's
+cores.
 """
 
 from __future__ import annotations
@@ -16,13 +18,20 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
 
 from benchmarks.recording_load import SCENARIO, _beam_bench
+from daq.block import NS_PER_S, SampleBlock, sample_time_ns
+from daq.log.codec import decode_block
+from daq.log.reader import LogReader, Origin
 from rig.live.page_server import PORT_VARIABLE, PageServer, stop_page
+from tests.accounting import late_s
 from tests.rig.browser import CHROMIUM, PLACES, TRACED, faults_of_texts
 
 ROOT = Path(__file__).parents[1]
@@ -98,19 +107,39 @@ def _measure(arguments: argparse.Namespace, channels: int, folder: Path, port: i
             page.screenshot(path=arguments.pictures / f"{channels}.png")
         print(run.stdout.read(), end="")
         run.wait()
-        looks = page.evaluate("() => looks")
+        looks = page.evaluate("() => looks.map(look => [performance.timeOrigin + look[0], ...look.slice(1)])")
         browser.close()
     if run.returncode:
         return run.returncode
+    with LogReader(next(folder.glob("*.mcap"))) as log:
+        print(f"samples came to the run   up to {late_s(log):.2f} s late")
+        came = {origin: _arrivals(log, origin) for origin in BEHIND}
     print(f"texts cut or overlapping  {'; '.join(faults) or 0}")
     print(f"channels with all traces  {traced} of {channels}")
-    return max(_report(looks, first_s), int(bool(faults) or traced != channels))
+    return max(_report(looks, first_s, came), int(bool(faults) or traced != channels))
 
 
 Look = tuple[float, float | None, str, float | None]
+"""When it was drawn (Unix time, ms), s behind the clock, the stage, s of the prediction behind the clock."""
+BEHIND: Final[Mapping[Origin, tuple[str, int]]] = {
+    "measured": ("behind the newest sample", 1),
+    "predicted": ("behind the prediction's", 3),
+}
 
 
-def _report(looks: list[Look], first_s: float) -> int:
+def _arrivals(log: LogReader, origin: Origin) -> NDArray[np.float64]:
+    """When the run had samples, and of which time the newest of them then was; Unix time, s, shape (2, n)."""
+    topics = [f"/{origin}/{name}" for name in log.channels(origin)]
+    ends = [(each.log_ns, _end_ns(decode_block("", each.data))) for each in log.messages(topics)]
+    at, end = np.array(sorted(ends), np.float64).T / NS_PER_S
+    return np.stack([at, np.maximum.accumulate(end)])
+
+
+def _end_ns(block: SampleBlock) -> int:
+    return sample_time_ns(block.time_ns, len(block), block.sample_rate)
+
+
+def _report(looks: list[Look], first_s: float, came: Mapping[Origin, NDArray[np.float64]]) -> int:
     recording = [look for look in looks if look[2] == "recording"]
     each_s = np.diff([at for at, *_ in recording]) / 1000
     before = sorted({stage for _, _, stage, _ in looks} - {"recording"})
@@ -119,11 +148,17 @@ def _report(looks: list[Look], first_s: float) -> int:
     often = f"every {np.median(each_s):.2f} s, at the longest {each_s.max():.2f} s"
     print(f"pictures of the record    {len(recording)}, {often}")
     most_s = 0.0
-    for whose, place in (("newest sample", 1), ("prediction's", 3)):
-        behind = np.array([look[place] for look in recording if look[place] is not None], dtype=float)
-        late = f"95 % {np.quantile(behind, 0.95):.2f} s, largest {behind.max():.2f} s (bar {BEHIND_S:g})"
-        print(f"{f'behind the {whose}':<25} median {np.median(behind):.2f} s, {late}")
-        most_s = max(most_s, float(behind.max()))
+    for origin, (name, place) in BEHIND.items():
+        drawn = np.array([(look[0] / 1000, look[place]) for look in recording if look[place] is not None])
+        drawn_s, clock_s = drawn.T
+        had = np.maximum(np.searchsorted(came[origin][0], drawn_s, side="right") - 1, 0)
+        behind = came[origin][1][had] - (drawn_s - clock_s)
+        late = f"95 % {np.quantile(behind, 0.95):.2f} s, largest {behind.max():.2f} s"
+        clock = (
+            f"behind the clock {np.median(clock_s):.2f} s, largest {clock_s.max():.2f} s (bar {BEHIND_S:g})"
+        )
+        print(f"{name:<25} median {np.median(behind):.2f} s, {late}; {clock}")
+        most_s = max(most_s, float(clock_s.max()))
     return int(first_s > FIRST_S or most_s > BEHIND_S)
 
 

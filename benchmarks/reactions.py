@@ -55,6 +55,8 @@ from tests.end_to_end.spied_bench import light_card, spied_generator
 from tests.end_to_end.spied_crank import STRIKE, spied_crank
 
 ROOT = Path(__file__).parents[1]
+_TRY = "RATTLE_TRY"
+"""In the environment of all processes of a run."""
 _AFTER_S = 3.0
 """Of driving, at most, until it ends badly."""
 _WATCHDOG_S = 0.5
@@ -167,10 +169,9 @@ class Terminal:
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,
-            env=os.environ | {"TERM": "xterm", "COLUMNS": "100", PORT_VARIABLE: "0"},
+            env=os.environ | {"TERM": "xterm", "COLUMNS": "100", PORT_VARIABLE: "0", _TRY: out.name},
         )
-        self._ours, self._theirs, self.shown = ours, theirs, b""
-        self._helpers: list[psutil.Process] = []
+        self._out, self._ours, self._theirs, self.shown = out.name, ours, theirs, b""
         self._reading = threading.Thread(target=self._read, daemon=True)
         self._reading.start()
 
@@ -181,17 +182,13 @@ class Terminal:
     def enter(self) -> None:
         os.write(self._ours, b"\n")
 
-    def note_helpers(self) -> None:
-        """While it lives: those of a run that was killed are nobody's."""
-        self._helpers += _family(self.run.pid)
-
     def close(self) -> None:
-        self.note_helpers()
         self.run.kill()
         self.run.wait()
-        for each in self._helpers:  # a supervisor that goes on is held by nothing here any more
-            with suppress(psutil.NoSuchProcess):
-                each.kill()
+        for each in psutil.process_iter():  # what goes on to switch off is held by nothing here any more
+            with suppress(psutil.Error):
+                if each.environ().get(_TRY) == self._out:
+                    each.kill()
         os.close(self._theirs)
         self._reading.join(1.0)
         os.close(self._ours)
@@ -346,7 +343,6 @@ def once(rig: str, way: str, rng: Random) -> dict[str, float]:
         _await(lambda: bench.drives, _PATIENCE_S, terminal)
         if way != "limit":
             time.sleep(rng.uniform(0.0, _AFTER_S))
-        terminal.note_helpers()
         return WAYS[way](bench, terminal, folder, rng)
 
 

@@ -47,7 +47,8 @@ BASELINES: Mapping[str, Callable[[Sequence[Case]], list[Case]]] = {
 
 def _answered(case: Case, answer: Answer | None, gaps: Gaps | None = None) -> Case:
     unmeasured = None if case.gaps is None else replace(case.gaps, after=None)
-    return replace(case, answer=answer, gaps=gaps or unmeasured, wall_s=None)
+    unknown = {"wall_s": None, "cpu_s": None, "memory_mb": None, "above": None, "outranks": None}
+    return replace(case, answer=answer, gaps=gaps or unmeasured, **unknown)  # type: ignore[arg-type]
 
 
 def _closed(gaps: Gaps | None) -> Gaps | None:
@@ -75,7 +76,8 @@ def _shares(case: Case, cases: Sequence[Case]) -> dict[str, float]:
 def _best_residual(case: Case) -> Answer | None:
     if case.answer is None:
         return None
-    shrinks = {effect.name: effect.shrink or 0.0 for effect in case.answer.effects}
+    catalogue = CATALOGUE[case.campaign.rig]  # no truth has what people wire wrongly
+    shrinks = {each.name: each.shrink or 0.0 for each in case.answer.effects if each.name in catalogue}
     best = max(shrinks, key=lambda name: shrinks[name])
     chosen = best if shrinks[best] >= _LEAST_SHRINK else NONE
     answer = _weighted(case, {chosen: 1.0})
@@ -86,7 +88,8 @@ def _best_residual(case: Case) -> Answer | None:
 def _certain(case: Case) -> Answer:
     answer = _weighted(case, {min(case.truth): 1.0})
     known = tuple(_with_truth(effect, case) for effect in answer.effects)
-    return replace(answer, effects=known, selected=case.hidden)
+    place = next(iter(case.campaign.places), "")
+    return replace(answer, effects=known, selected=case.hidden, place=place)
 
 
 def _with_truth(effect: Ranked, case: Case) -> Ranked:

@@ -9,6 +9,7 @@ from typing import Any
 
 from benchmarks.blind.campaigns import Campaign
 from benchmarks.blind.catalogue import CATALOGUE
+from benchmarks.blind.sets import OUTSIDE
 
 NONE, UNKNOWN = "none", "unknown"
 VISIBLE_GAP, VISIBLE_SHRINK = 1.1, 0.1
@@ -45,12 +46,17 @@ class Ranked:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a diagnosis says: probabilities of "none" and "unknown", every effect, and those it `selected`."""
+    """What a diagnosis says: probabilities of "none" and "unknown", every effect, and those it `selected`.
+
+    `place` is where most of the gap comes from, whatever it is. `left` is the gap with what it selected.
+    """
 
     none: float
     unknown: float
     effects: tuple[Ranked, ...]
     selected: tuple[str, ...]
+    place: str = ""
+    left: float | None = None
 
     def probability(self, label: str) -> float:
         """What the answer gives an effect, "none" or "unknown"."""
@@ -94,31 +100,47 @@ class Gaps:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A campaign with its answer (None: the diagnosis failed), its gaps and its wall time in s."""
+    """A campaign with its answer (None: the diagnosis failed), its gaps, and what it cost.
+
+    `calibrated`: diagnosed with a model of healthy rigs. Wall and processor time in s, memory in MB. `above`
+    and `outranks` are `held_out`'s.
+    """
 
     campaign: Campaign
     answer: Answer | None
     gaps: Gaps | None = None
     wall_s: float | None = None
+    cpu_s: float | None = None
+    memory_mb: float | None = None
+    calibrated: bool = False
+    above: float | None = None
+    outranks: float | None = None
+
+    @property
+    def outside(self) -> bool:
+        """Whether what is hidden is in no catalogue."""
+        return self.campaign.kind in OUTSIDE
 
     @property
     def hidden(self) -> tuple[str, ...]:
         """Names of the hidden effects of the catalogue."""
-        if self.campaign.kind == "outside":
+        if self.outside:
             return ()
         return tuple(str(effect["name"]) for effect in self.campaign.effects)
 
     @property
     def truth(self) -> frozenset[str]:
-        """What is right to say: the hidden effect (either of a pair), "none" or "unknown"."""
-        if self.campaign.kind == "outside":
+        """What is right to say: the hidden effect (any of several), "none" or "unknown"."""
+        if self.outside:
             return frozenset((UNKNOWN,))
         return frozenset(self.hidden or (NONE,))
 
     @property
     def visible(self) -> bool:
         """Whether the runs can show what is hidden; taken for granted where it was not measured."""
-        return self.gaps is None or self.gaps.visible
+        if self.gaps is None:
+            return True
+        return self.gaps.before > VISIBLE_GAP if self.outside else self.gaps.visible
 
     @property
     def catalogue_size(self) -> int:
@@ -135,7 +157,16 @@ def answer_of(diagnosis: Mapping[str, Any]) -> Answer:
     """Read a diagnosis.json; raises KeyError, TypeError or ValueError where it is none."""
     verdict = diagnosis["verdict_probability"]
     effects = tuple(_ranked(each) for each in diagnosis["effects"])
-    answer = Answer(float(verdict[NONE]), float(verdict[UNKNOWN]), effects, tuple(diagnosis["selected"]))
+    gap = diagnosis.get("gap") or {}
+    places: Mapping[str, float] = gap.get("by_location") or {}
+    answer = Answer(
+        float(verdict[NONE]),
+        float(verdict[UNKNOWN]),
+        effects,
+        tuple(diagnosis["selected"]),
+        max(places, key=lambda place: places[place], default=""),
+        gap.get("after"),
+    )
     total = sum(probability for _, probability in answer.ranking())
     if not math.isclose(total, 1, abs_tol=0.02):
         raise ValueError(f"the probabilities add up to {total:g}")

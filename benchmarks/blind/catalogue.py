@@ -18,6 +18,7 @@ PIVOTED_ONLY = ("pivot_friction", "pivot_compliance")
 
 EffectEntry: TypeAlias = dict[str, object]
 """One entry of an effects file: `name` and `parameters`."""
+Interval: TypeAlias = tuple[float, float]
 
 _FORCES = ("contact.force_upper", "contact.force_lower", "yoke.force")
 _FRAMES = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y")
@@ -31,7 +32,7 @@ class Quantity:
     """A parameter in SI: where a rig may lie, and how it is drawn there (by ratio, evenly, whole numbers)."""
 
     name: str
-    intervals: tuple[tuple[float, float], ...]
+    intervals: tuple[Interval, ...]
     spacing: Spacing = "log"
 
     def draw(self, rng: np.random.Generator) -> float:
@@ -74,7 +75,7 @@ class Distortion(Cause):
                 return {"name": self.name, "parameters": {"second": second, "third": third}}
 
 
-def _one(name: str, *intervals: tuple[float, float], spacing: Spacing = "log") -> tuple[Quantity, ...]:
+def _one(name: str, *intervals: Interval, spacing: Spacing = "log") -> tuple[Quantity, ...]:
     return (Quantity(name, intervals, spacing),)
 
 

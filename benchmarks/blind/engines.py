@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any, Protocol
 
-from benchmarks.blind.campaigns import Outsider
+from benchmarks.blind.campaigns import Unlisted
 from benchmarks.blind.catalogue import BEAM, CRANK, SPATIAL
 from benchmarks.blind.recording import Recording
 
@@ -17,10 +17,8 @@ _MODULES = {
 }
 
 
-class Engine(Protocol):
-    """Makes a recording of one run; `OUTSIDE` are the effects that the catalogue does not hold."""
-
-    OUTSIDE: Sequence[Outsider]
+class Engine(Unlisted, Protocol):
+    """Makes a recording of one run."""
 
     def record(
         self,
@@ -28,8 +26,10 @@ class Engine(Protocol):
         effects: Sequence[Mapping[str, Any]],
         rig_seed: int,
         run_seed: int,
+        *,
+        wider: float = 1.0,
     ) -> Recording:
-        """Record a run on a healthy rig with `effects` in it."""
+        """Record a run on a healthy rig with `effects` in it, of tolerances so many times `wider`."""
 
 
 def engine_of(rig: str) -> Engine:
@@ -39,6 +39,6 @@ def engine_of(rig: str) -> Engine:
     return checked
 
 
-def outside_effects() -> dict[str, Sequence[Outsider]]:
-    """What each rig may have that the catalogue does not hold."""
-    return {rig: engine_of(rig).OUTSIDE for rig in _MODULES}
+def engines() -> dict[str, Engine]:
+    """The truth engine of each rig."""
+    return {rig: engine_of(rig) for rig in _MODULES}

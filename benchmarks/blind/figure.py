@@ -43,17 +43,25 @@ class Figure:
     value: OfCases
     interval: Literal["wilson", "bootstrap", "none"] = "bootstrap"
     bar: Bar | None = None
+    less: OfCases | None = None
+    """Taken off value and interval, itself without one."""
 
     def measure(self, cases: Sequence[Case]) -> Measured:
         """Work it out with its interval; NaN and no interval where there is no case for it."""
         chosen = self.select(cases)
         value = self.value(chosen) if chosen else math.nan
-        return Measured(self.what, value, self._interval(chosen, value), len(chosen), self.bar)
+        interval, less = self._interval(chosen, value), self._less(chosen)
+        if interval is not None:
+            interval = interval[0] - less, interval[1] - less
+        return Measured(self.what, value - less, interval, len(chosen), self.bar)
 
     def value_of(self, cases: Sequence[Case]) -> float:
         """Work it out without an interval."""
         chosen = self.select(cases)
-        return self.value(chosen) if chosen else math.nan
+        return self.value(chosen) - self._less(chosen) if chosen else math.nan
+
+    def _less(self, chosen: Sequence[Case]) -> float:
+        return self.less(chosen) if self.less is not None and chosen else 0.0
 
     def _interval(self, chosen: Sequence[Case], value: float) -> Interval | None:
         if not math.isfinite(value) or self.interval == "none":

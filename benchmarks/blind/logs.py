@@ -33,7 +33,13 @@ def write_campaign(folder: Path, campaign: Campaign, engine: Engine) -> list[Pat
     for number, path in enumerate(paths):
         if not path.exists():
             seed = campaign.run_seeds[number]
-            recording = engine.record(campaign.runs[number], campaign.effects, campaign.rig_seed, seed)
+            recording = engine.record(
+                campaign.runs[number],
+                (*campaign.page, *campaign.effects),
+                campaign.rig_seed,
+                seed,
+                wider=campaign.wider,
+            ).without(campaign.missing)
             title = f"campaign {campaign.name}, run {number + 1}"
             _write_whole(path, recording, scenario_text(title, campaign.runs[number]), number)
     return paths

@@ -1,4 +1,4 @@
-"""Makes the campaigns: the answers first, sealed, then the logs on two processes."""
+"""Records the campaigns, on two processes."""
 
 from __future__ import annotations
 
@@ -10,28 +10,23 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from benchmarks.blind.campaigns import RIGS, Campaign, draw_campaigns
-from benchmarks.blind.engines import engine_of, outside_effects
+from benchmarks.blind.calibration import write_references
+from benchmarks.blind.campaigns import Campaign, references_of
+from benchmarks.blind.engines import engine_of
 from benchmarks.blind.logs import run_names, write_campaign
-from benchmarks.blind.seal import seal
 
 WORKERS = 2
 T = TypeVar("T")
 R = TypeVar("R")
 
 
-def make(folder: Path, count: int, seed: int, rigs: Sequence[str] = RIGS) -> None:
-    """Draw, seal and record `count` campaigns of `rigs`; what is recorded already stays."""
-    campaigns = draw_campaigns(count, seed, outside_effects(), rigs)
-    print(f"answers sealed: sha256 {seal(folder, campaigns)}", flush=True)
+def make(folder: Path, campaigns: Sequence[Campaign], part: Sequence[Campaign]) -> None:
+    """Record a part of the campaigns with what they are calibrated by; what is recorded already stays."""
+    write_references(folder, campaigns)
+    todo = [*references_of(campaigns, part), *part]
     with workers() as pool:
-        for done, name in enumerate(each_done(pool, partial(_recorded, folder), campaigns), 1):
-            print(f"recorded {name} ({done} of {count})", flush=True)
-
-
-def logs_of(folder: Path, name: str) -> list[Path]:
-    """The logs of a campaign, in the order of its runs."""
-    return sorted((folder / "logs" / name).glob("*.mcap"))
+        for done, name in enumerate(each_done(pool, partial(_recorded, folder), todo), 1):
+            print(f"recorded {name} ({done} of {len(todo)})", flush=True)
 
 
 def discard_logs(folder: Path, campaign: Campaign) -> None:

@@ -14,6 +14,7 @@ from benchmarks.blind.catalogue import CATALOGUE, main_parameter
 _ALARM = 0.5
 _BINS = 10
 _PLAYS = 300
+NOT_KNOWN = "not known"
 
 
 def first_answer(answer: Answer) -> str:
@@ -134,6 +135,26 @@ def location_right(case: Case) -> float:
     return float(said in {catalogue[name].location for name in case.hidden})
 
 
+def place_right(case: Case) -> float:
+    """1 if the answer has most of the gap come from where something of no catalogue sits."""
+    return float(case.answer is not None and case.answer.place in case.campaign.places)
+
+
+def place_told(case: Case) -> float:
+    """1 if the answer has most of the gap come from anywhere at all."""
+    return float(case.answer is not None and case.answer.place not in ("", NOT_KNOWN))
+
+
+def failed(case: Case) -> float:
+    """1 if there is no answer: refused, stopped or in error."""
+    return float(case.answer is None)
+
+
+def unknown_first(case: Case) -> float:
+    """1 if the first answer is "unknown"."""
+    return float(case.answer is not None and first_answer(case.answer) == UNKNOWN)
+
+
 def channel_right(case: Case) -> float | None:
     """Whether the channel of a rightly named effect is right; None where the effect has none."""
     effect = _rightly_named(case)
@@ -144,7 +165,12 @@ def channel_right(case: Case) -> float | None:
 
 
 def parameter_error(case: Case) -> float | None:
-    """Relative error of the main parameter of a rightly named effect; infinite on the wrong channel."""
+    """Relative error of the main parameter of a rightly named effect.
+
+    Infinite on the wrong channel and without an answer; None where something else was named.
+    """
+    if case.answer is None:
+        return math.inf
     effect = _rightly_named(case)
     if effect is None:
         return None
@@ -156,7 +182,9 @@ def parameter_error(case: Case) -> float | None:
 
 
 def parameter_covered(case: Case) -> float | None:
-    """1 if the 95 % interval of that parameter holds the truth."""
+    """1 if the 95 % interval of that parameter holds the truth; 0 and None as above."""
+    if case.answer is None:
+        return 0.0
     effect = _rightly_named(case)
     if effect is None:
         return None
@@ -185,7 +213,7 @@ def _main(case: Case) -> tuple[str, float]:
     return name, float(parameters[name])
 
 
-def pairs_f1(cases: Sequence[Case]) -> float:
+def selected_f1(cases: Sequence[Case]) -> float:
     """Micro-F1 of `selected` against the hidden effects."""
     hit = named = hidden = 0
     for case in cases:
@@ -215,11 +243,25 @@ def auroc(cases: Sequence[Case]) -> float:
     return _area(score[outside], score[~outside])
 
 
+def above(case: Case) -> float | None:
+    """Whether it is above the thresholds that were set without its class."""
+    return case.above
+
+
+def outranks(case: Case) -> float | None:
+    """Share of the others below it, by scores that were fitted without its class; the mean is an AUROC."""
+    return case.outranks
+
+
 def _area(positive: NDArray[np.float64], negative: NDArray[np.float64]) -> float:
     if not len(positive) or not len(negative):
         return math.nan
-    difference = positive[:, None] - negative[None, :]
-    return float((np.count_nonzero(difference > 0) + np.count_nonzero(difference == 0) / 2) / difference.size)
+    return float(np.mean([share_below(score, negative) for score in positive]))
+
+
+def share_below(score: float, others: NDArray[np.float64]) -> float:
+    """Share of `others` that are below `score`; those as high count a half."""
+    return float(np.mean(others < score) + np.mean(others == score) / 2)
 
 
 def gap_after(case: Case) -> float | None:
@@ -235,3 +277,13 @@ def relative_shrink(case: Case) -> float | None:
 def wall(case: Case) -> float | None:
     """Wall time of the diagnosis, s."""
     return case.wall_s
+
+
+def processor(case: Case) -> float | None:
+    """Processor time of the diagnosis, s."""
+    return case.cpu_s
+
+
+def memory(case: Case) -> float | None:
+    """Most memory of all its processes together, MB."""
+    return case.memory_mb

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import TypeAlias
 
 import numpy as np
@@ -13,64 +14,82 @@ from benchmarks.blind.catalogue import BEAM, CRANK, SPATIAL
 PointOfRun: TypeAlias = dict[str, float | str]
 """What a truth engine takes: SI numbers by name, and the beam's material."""
 
-_BEAM_HZ, _BEAM_N, _BEAM_GAP_MM, _BEAM_S = (5.0, 40.0), (6.0, 12.0), (0.1, 0.5), (4.0, 8.0)
-_CRANK_RPM, _CRANK_GAP_MM, _CRANK_S = (120.0, 260.0), (0.5, 2.0), (6.0, 12.0)
-_SPATIAL_RPM, _SPATIAL_DEG, _SPATIAL_GAP_MM, _SPATIAL_S = (50.0, 250.0), (65.0, 90.0), (0.1, 0.6), (3.0, 12.0)
-_LEAST_TURNS = 5.0
+_DURATION_S, _CRANK_RPM, _RATES_HZ = (3.0, 12.0), (100.0, 260.0), (25_600.0, 51_200.0)
+_BEAM_HZ, _BEAM_N, _BEAM_GAP_MM = (5.0, 40.0), (6.0, 12.0), (0.1, 0.5)
+_CRANK_GAP_MM, _SPATIAL_GAP_MM, _SPATIAL_DEG = (0.5, 2.0), (0.1, 0.6), (65.0, 90.0)
 _SETTLE_S = 1.0
+_FEWER_CHANNELS, _MOST_MISSING = 0.4, 2
+_MAY_LACK = {
+    BEAM: ("contact.force_upper", "contact.force_lower", "yoke.force", "base.acceleration"),
+    CRANK: (
+        "crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y",
+        "crank.angle", "crank.marker",
+    ),
+    SPATIAL: (*(f"slider.force_{point}" for point in range(1, 9)), "socket.force", "motor.tachometer"),
+}  # fmt: skip
+_TELLS_THE_CYCLE = {"crank.angle", "crank.marker"}
+"""Of the planar crank; one of them stays."""
 
 
-def beam_points(runs: int, beam: str, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
-    """Runs of one beam; frequency, amplitude and clearance are set anew for each."""
+def points(rig: str, runs: int, rng: np.random.Generator, beam: str = "steel") -> tuple[PointOfRun, ...]:
+    """Runs of one rig: speed (or frequency), clearances, sample rate and duration are set anew for each.
+
+    The shortest have three whole cycles.
+    """
+    settings = {BEAM: _beam, CRANK: _crank, SPATIAL: _spatial}[rig]
     return tuple(
         {
-            "beam": beam,
-            "clearance": round(_by_ratio(_BEAM_GAP_MM, float(rng.random())), 3) * 1e-3,
-            "frequency": round(_by_ratio(_BEAM_HZ, share), 1),
-            "amplitude": round(float(rng.uniform(*_BEAM_N)), 1),
-            "sample_rate": 51_200.0,
+            **settings(share, rng),
+            **({"beam": beam} if rig == BEAM else {}),
+            "sample_rate": float(rng.choice(_RATES_HZ)),
             "settle": _SETTLE_S,
-            "duration": round(float(rng.uniform(*_BEAM_S)), 1),
+            "duration": round(_by_ratio(_DURATION_S, float(rng.random())), 1),
         }
         for share in _apart(runs, rng)
     )
 
 
-def crank_points(runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
-    """Runs of one crank at several speeds; its clearances stay as they are."""
-    gaps = [round(_by_ratio(_CRANK_GAP_MM, float(share)), 2) * 1e-3 for share in rng.random(2)]
+def _beam(share: float, rng: np.random.Generator) -> PointOfRun:
+    return {
+        "clearance": _gap(_BEAM_GAP_MM, 3, rng),
+        "frequency": round(_by_ratio(_BEAM_HZ, share), 1),
+        "amplitude": round(float(rng.uniform(*_BEAM_N)), 1),
+    }
+
+
+def _crank(share: float, rng: np.random.Generator) -> PointOfRun:
+    gaps = {key: _gap(_CRANK_GAP_MM, 2, rng) for key in ("clearance_1", "clearance_2")}
+    return {"speed": _crank_speed(share), **gaps}
+
+
+def _spatial(share: float, rng: np.random.Generator) -> PointOfRun:
+    gaps = {key: _gap(_SPATIAL_GAP_MM, 2, rng) for key in ("socket_clearance", "guide_clearance")}
+    angle = math.radians(round(float(rng.uniform(*_SPATIAL_DEG))))
+    return {"speed": _crank_speed(share), "axis_angle": angle, **gaps}
+
+
+def _crank_speed(share: float) -> float:
     low, high = _CRANK_RPM
-    return tuple(
-        {
-            "speed": round(low + share * (high - low)) * math.pi / 30,
-            "clearance_1": gaps[0],
-            "clearance_2": gaps[1],
-            "sample_rate": 25_600.0,
-            "settle": _SETTLE_S,
-            "duration": round(float(rng.uniform(*_CRANK_S)), 1),
-        }
-        for share in _apart(runs, rng)
-    )
+    return round(low + share * (high - low)) * math.pi / 30
 
 
-def spatial_points(runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
-    """Runs of one spatial crank at several speeds; angle and clearances stay as they are."""
-    gaps = [round(_by_ratio(_SPATIAL_GAP_MM, float(share)), 2) * 1e-3 for share in rng.random(2)]
-    degrees = round(float(rng.uniform(*_SPATIAL_DEG)))
-    low, high = _SPATIAL_RPM
-    speeds = [round(low + share * (high - low)) for share in _apart(runs, rng)]
-    return tuple(
-        {
-            "speed": rpm * math.pi / 30,
-            "axis_angle": math.radians(degrees),
-            "socket_clearance": gaps[0],
-            "guide_clearance": gaps[1],
-            "sample_rate": 25_600.0,
-            "settle": _SETTLE_S,
-            "duration": round(max(float(rng.uniform(*_SPATIAL_S)), _LEAST_TURNS * 60 / rpm), 1),
-        }
-        for rpm in speeds
-    )
+def _gap(limits_mm: tuple[float, float], digits: int, rng: np.random.Generator) -> float:
+    return round(_by_ratio(limits_mm, float(rng.random())), digits) * 1e-3
+
+
+def whole_cycles(point: PointOfRun) -> int:
+    """Cycles that a run holds for certain, wherever it begins."""
+    hertz = _number(point, "frequency") if "frequency" in point else _number(point, "speed") / (2 * math.pi)
+    return math.floor(hertz * _number(point, "duration") * (1 - 1e-3)) - 1
+
+
+def left_out(rig: str, needed: Collection[str], rng: np.random.Generator) -> tuple[str, ...]:
+    """Channels that a lab has not, if it has fewer than the twin; never one of the `needed`."""
+    if rng.random() >= _FEWER_CHANNELS:
+        return ()
+    may = [name for name in _MAY_LACK[rig] if name not in needed]
+    found = [str(name) for name in rng.choice(may, int(rng.integers(1, _MOST_MISSING + 1)), replace=False)]
+    return tuple(found[:1] if set(found) >= _TELLS_THE_CYCLE else found)
 
 
 def scenario_text(name: str, point: PointOfRun) -> str:

@@ -1,35 +1,101 @@
-"""What no catalogue holds, as two of the rigs draw it, and what goes wrong in a channel's electronics."""
+"""What no catalogue holds: how the rigs draw it, and what goes wrong in a channel's electronics."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import pi
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from benchmarks.blind.catalogue import Cause, Interval, Quantity
 from benchmarks.blind.sensing import Array, Chain, Fault
 
 Values: TypeAlias = Mapping[str, Any]
 
+SEEN = frozenset((
+    "uneven_stops", "hardening_spring", "sticky_contact", "padded_stops", "tip_mass", "drive_modulation",
+    "foreign_vibration", "warming_gap", "second_head_mode", "cross_talk", "mains_hum", "clipping", "dropouts",
+    "loose_cable", "gain_drift", "rod_mass", "crank_length", "oval_bearing", "guide_offset", "air_spring",
+    "piston_drag", "oil_film", "belt_ripple", "cross_axis", "loose_mount", "neighbour_machine",
+))  # fmt: skip
+"""Classes from whose draws the diagnosis's thresholds for "unknown" were set; all others are novel to it."""
+
 
 @dataclass(frozen=True, slots=True)
-class Outside:
-    """An effect, the range of each parameter, the channels that it may sit on (none: it is in the rig)."""
+class Outside(Cause):
+    """An effect that no catalogue holds; `also` are the places that are as right to name as its location."""
 
-    name: str
-    ranges: Mapping[str, tuple[float, float]]
-    channels: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
 
-    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        """Return {"name", "parameters"}: log-uniform over the range."""
-        values: dict[str, Any] = {
-            name: float(np.exp(rng.uniform(np.log(low), np.log(high))))
-            for name, (low, high) in self.ranges.items()
-        }
-        if self.channels:
-            values["channel"] = str(rng.choice(self.channels))
-        return {"name": self.name, "parameters": values}
+    @property
+    def novel(self) -> bool:
+        """Whether no threshold was set with its class."""
+        return self.name not in SEEN
+
+
+def outside(
+    name: str,
+    location: str,
+    channels: Sequence[str] = (),
+    also: Sequence[str] = (),
+    **ranges: Interval | tuple[Interval, ...],
+) -> Outside:
+    """An effect with the range of each parameter, or several ranges of which each is as likely; by ratio."""
+    quantities = tuple(Quantity(key, _intervals(given)) for key, given in ranges.items())
+    return Outside(name, location, quantities, tuple(channels), tuple(also))
+
+
+def either_way(least: float, most: float) -> tuple[Interval, Interval]:
+    """Factors that are off one by so much, downwards or upwards."""
+    return (1 - most, 1 - least), (1 + least, 1 + most)
+
+
+def of_channels(
+    channels: Sequence[str], strong: bool, hum: Interval, loose: Interval | None
+) -> tuple[Outside, ...]:
+    """What goes wrong in any channel; `hum` and `loose` are amplitudes in the channels' unit."""
+
+    def fault(name: str, mild: Mapping[str, Interval], bad: Mapping[str, Interval]) -> Outside:
+        return outside(name, "sensor", channels, ("clock",), **(bad if strong else mild))
+
+    found = (
+        fault("mains_hum", {"amplitude": hum}, {"amplitude": hum}),
+        fault("clipping", {"share_of_largest": (0.65, 0.85)}, {"share_of_largest": (0.25, 0.5)}),
+        fault(
+            "dropouts",
+            {"per_s": (0.5, 1.5), "seconds": (0.003, 0.008)},
+            {"per_s": (2.0, 8.0), "seconds": (0.01, 0.04)},
+        ),
+        fault("gain_drift", {"growth_per_s": (0.01, 0.03)}, {"growth_per_s": (0.05, 0.15)}),
+        fault("soft_limit", {"share_of_largest": (1.0, 1.6)}, {"share_of_largest": (0.2, 0.5)}),
+        fault(
+            "wander",
+            {"share_of_rms": (0.05, 0.15), "frequency_hz": (0.2, 2.0)},
+            {"share_of_rms": (0.4, 1.5), "frequency_hz": (0.2, 2.0)},
+        ),
+        fault("lost_bits", {"share_of_largest": (0.01, 0.03)}, {"share_of_largest": (0.08, 0.25)}),
+        fault(
+            "wobbling_clock",
+            {"seconds": (3e-5, 8e-5), "frequency_hz": (0.5, 5.0)},
+            {"seconds": (3e-4, 1e-3), "frequency_hz": (0.5, 5.0)},
+        ),
+    )
+    if loose is None:
+        return found
+    often = (3.0, 15.0) if strong else (0.5, 2.0)
+    return (*found, outside("loose_cable", "sensor", channels, ("clock",), per_s=often, force_n=loose))
+
+
+ANY_PHASE: Interval = (0.1, 2 * pi)
+
+
+def _intervals(given: Interval | tuple[Interval, ...]) -> tuple[Interval, ...]:
+    first, second = given[0], given[-1]
+    if isinstance(first, float | int) and isinstance(second, float | int):
+        return ((first, second),)
+    return tuple(each for each in given if isinstance(each, tuple))
 
 
 def _hum(values: Values) -> Fault:
@@ -42,10 +108,47 @@ def _hum(values: Values) -> Fault:
 
 def _clipping(values: Values) -> Fault:
     def fault(x: Array, rate: float, rng: np.random.Generator) -> Array:
-        return np.minimum(np.maximum(x, -_limit(x)), _limit(x))
+        limit = _of_largest(x, values)
+        return np.minimum(np.maximum(x, -limit), limit)
 
-    def _limit(x: Array) -> float:
-        return float(values["share_of_largest"] * np.abs(x).max())
+    return fault
+
+
+def _soft(values: Values) -> Fault:
+    def fault(x: Array, rate: float, rng: np.random.Generator) -> Array:
+        limit = _of_largest(x, values)
+        return np.asarray(limit * np.tanh(x / limit))
+
+    return fault
+
+
+def _coarse(values: Values) -> Fault:
+    def fault(x: Array, rate: float, rng: np.random.Generator) -> Array:
+        step = _of_largest(x, values)
+        return np.asarray(step * np.rint(x / step))
+
+    return fault
+
+
+def _of_largest(x: Array, values: Values) -> float:
+    return float(values["share_of_largest"] * np.abs(x).max())
+
+
+def _wander(values: Values) -> Fault:
+    def fault(x: Array, rate: float, rng: np.random.Generator) -> Array:
+        p = 2 * np.pi * (values["frequency_hz"] * np.arange(len(x)) / rate + rng.uniform())
+        return np.asarray(x + np.sqrt(2) * values["share_of_rms"] * x.std() * np.sin(p))
+
+    return fault
+
+
+def _wobble(values: Values) -> Fault:
+    """The channel's own clock runs ahead and back."""
+
+    def fault(x: Array, rate: float, rng: np.random.Generator) -> Array:
+        samples = np.arange(len(x), dtype=float)
+        p = 2 * np.pi * (values["frequency_hz"] * samples / rate + rng.uniform())
+        return np.asarray(np.interp(samples + values["seconds"] * rate * np.sin(p), samples, x))
 
     return fault
 
@@ -87,6 +190,10 @@ def _moments(count: int, rate: float, per_s: float, rng: np.random.Generator) ->
 FAULTS: Mapping[str, Callable[[Values], Fault]] = {
     "mains_hum": _hum,
     "clipping": _clipping,
+    "soft_limit": _soft,
+    "lost_bits": _coarse,
+    "wander": _wander,
+    "wobbling_clock": _wobble,
     "dropouts": _dropouts,
     "loose_cable": _loose,
     "gain_drift": _gain_drift,

@@ -17,17 +17,26 @@ def page(
     confusion: Mapping[str, Mapping[str, int]],
     notes: Sequence[str],
 ) -> str:
-    """Figures against their bars, baselines, what else was measured, and what was taken for what."""
-    parts = (_figures(judged), _beside(judged, baselines), _figures(beside), _confusion(confusion), notes)
+    """Figures against their bars and the baselines, what else was measured, and what was taken for what."""
+    others = [[values[row] for values in baselines.values()] for row in range(len(judged))]
+    parts = (_figures(judged, others, tuple(baselines)), _figures(beside), _confusion(confusion), notes)
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
-def _figures(figures: Sequence[Measured]) -> Iterator[str]:
-    yield f"{'':{_WIDTH}} {'value':>7}  {'95 % interval':15} {'cases':>5}  bar"
-    for each in figures:
-        interval = "" if each.interval is None else " to ".join(f"{end:.3f}" for end in each.interval)
-        bar = "" if each.bar is None else f"{each.bar!s:13} {_verdict(each.met)}"
-        yield f"{each.what:{_WIDTH}} {_number(each.value):>7}  {interval:15} {each.count:5d}  {bar}".rstrip()
+def _figures(
+    figures: Sequence[Measured], others: Sequence[Sequence[float]] = (), names: Sequence[str] = ()
+) -> Iterator[str]:
+    """`others`: each figure as the baselines `names` have it."""
+    heads = "".join(f"{name:>15}" for name in names)
+    yield f"{'':{_WIDTH}} {'value':>7}  {'95 % interval':17} {'cases':>5}  {'bar':20}{heads}".rstrip()
+    for row, each in enumerate(figures):
+        interval = "" if each.interval is None else " to ".join(map(_number, each.interval))
+        bar = "" if each.bar is None else f"{each.bar!s:12} {_verdict(each.met)}"
+        beside = "".join(f"{_number(value):>15}" for value in others[row]) if others else ""
+        line = (
+            f"{each.what:{_WIDTH}} {_number(each.value):>7}  {interval:17} {each.count:5d}  {bar:20}{beside}"
+        )
+        yield line.rstrip()
 
 
 def _verdict(met: bool | None) -> str:
@@ -38,13 +47,6 @@ def _number(value: float) -> str:
     if not math.isfinite(value):
         return "-" if math.isnan(value) else "inf"
     return f"{value:.0f}" if abs(value) >= 10 else f"{value:.3f}"
-
-
-def _beside(judged: Sequence[Measured], baselines: Mapping[str, Sequence[float]]) -> Iterator[str]:
-    yield f"{'':{_WIDTH}} {'ours':>7}" + "".join(f"{name:>15}" for name in baselines)
-    for row, each in enumerate(judged):
-        others = "".join(f"{_number(values[row]):>15}" for values in baselines.values())
-        yield f"{each.what:{_WIDTH}} {_number(each.value):>7}{others}"
 
 
 def _confusion(table: Mapping[str, Mapping[str, int]]) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,3 +22,8 @@ class Recording:
             raise ValueError("every channel needs exactly one unit")
         if len({samples.shape for samples in self.channels.values()}) > 1:
             raise ValueError("channels differ in length")
+
+    def without(self, missing: Collection[str]) -> Recording:
+        """The same with fewer channels."""
+        kept = {name: samples for name, samples in self.channels.items() if name not in missing}
+        return Recording(self.sample_rate, kept, {name: self.units[name] for name in kept})

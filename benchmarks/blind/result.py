@@ -22,7 +22,7 @@ def as_json(
 ) -> dict[str, Any]:
     """What score.json holds; numbers without a meaning are null."""
     return {
-        "schema": "rattle.blind_check/1",
+        "schema": "rattle.blind_check/2",
         "notes": list(notes),
         "figures": [_figure_json(each) for each in (*judged, *beside)],
         "baselines": {
@@ -51,12 +51,17 @@ def _case_json(case: Case) -> dict[str, Any]:
         "name": case.campaign.name,
         "rig": case.campaign.rig,
         "kind": case.campaign.kind,
+        "set": case.campaign.of_set,
+        "calibrated": case.calibrated,
         "hidden": list(case.campaign.effects),
         "gap": None if gaps is None else {"before": gaps.before, "oracle": gaps.oracle, "after": gaps.after},
         "visible": case.visible,
         "first_answers": None if answer is None else [list(pair) for pair in answer.ranking()[:3]],
         "selected": None if answer is None else list(answer.selected),
+        "place": None if answer is None else answer.place,
         "wall_s": case.wall_s,
+        "cpu_s": case.cpu_s,
+        "memory_mb": case.memory_mb,
     }
 
 

@@ -1,53 +1,69 @@
-"""Runs `rattle diagnose` on every campaign, one at a time, each as a user would."""
+"""Runs `rattle diagnose` on campaigns, one at a time, each as a user would."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.blind.make import logs_of
+from benchmarks.blind.calibration import logs_of, model_of, references
+from benchmarks.blind.command import ROOT, rattle
 
-ROOT = Path(__file__).parents[2]
 _PROGRAM = ("sim_twin", "rig", "daq")
-_TIMES_BUDGET, _START_S = 4.0, 240.0
-"""A diagnosis that takes longer than both together is stopped; compiling and the report are in it."""
+_LONGEST_S = 3600.0
+"""A diagnosis that hangs is stopped; load by others alone makes no miss."""
+CALIBRATED = "_calibrated"
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """How a diagnosis went: wall time in s, exit code (None: stopped), and what was run."""
+    """How a diagnosis went, and what was run.
+
+    Wall and processor time in s, exit code (None: stopped), most memory of all its processes in MB; its
+    budget in s (None: the usual) and effort. An exit code of -1: there was no model to diagnose by.
+    """
 
     wall_s: float
     exit_code: int | None
-    budget_s: float
+    budget_s: float | None
+    effort: float
     seed: int
     runs: int
     program_sha256: str
+    cpu_s: float = 0.0
+    memory_mb: float = 0.0
 
 
-def diagnose_all(folder: Path, budget_s: float, names: Sequence[str] = ()) -> None:
-    """Diagnose the campaigns (all, or `names`) that have not been yet; they are known by their logs alone."""
-    wanted = sorted(names or (path.name for path in (folder / "logs").iterdir()))
-    todo = [name for name in wanted if cost_of(folder, name) is None]
-    for number, name in enumerate(todo):
-        cost = _diagnose(folder, name, budget_s)
+def diagnose_all(
+    folder: Path, names: Sequence[str], budget_s: float | None = None, effort: float = 1.0
+) -> None:
+    """Diagnose campaigns that have not been yet; they are known by their logs alone.
+
+    Those with healthy runs to calibrate by are diagnosed without and with these.
+    """
+    healthy = references(folder)
+    looks = [(name, look) for name in names for look in ("", *([CALIBRATED] if name in healthy else []))]
+    todo = [(name, look) for name, look in looks if cost_of(folder, name + look) is None]
+    for number, (name, look) in enumerate(todo):
+        if not logs_of(folder, name):
+            raise SystemExit(f"{name} has not been recorded; make it first")
+        model = model_of(folder, healthy[name], effort) if look else None
+        if look and model is None:
+            cost = Cost(0.0, -1, budget_s, effort, int(name[1:]), 0, program_digest())
+            _keep(folder, name + look, cost)
+        else:
+            cost = _diagnose(folder, name, look, model, budget_s, effort)
         state = "" if cost.exit_code == 0 else f"  FAILED (exit code {cost.exit_code})"
         print(
-            f"{name}: {cost.wall_s:.0f} s for {cost.runs} runs, {len(todo) - number - 1} to go{state}",
+            f"{name}{look}: {cost.wall_s:.0f} s for {cost.runs} runs, {len(todo) - number - 1} to go{state}",
             flush=True,
         )
 
 
 def cost_of(folder: Path, name: str) -> Cost | None:
-    """How the diagnosis of a campaign went; None if there is none yet."""
+    """How a diagnosis went; None if there is none yet."""
     file = _out(folder, name) / "cost.json"
     return Cost(**json.loads(file.read_text())) if file.exists() else None
 
@@ -74,35 +90,25 @@ def _out(folder: Path, name: str) -> Path:
     return folder / "diagnoses" / name
 
 
-def _diagnose(folder: Path, name: str, budget_s: float) -> Cost:
-    out, logs = _out(folder, name), logs_of(folder, name)
+def _keep(folder: Path, name: str, cost: Cost) -> None:
+    out = _out(folder, name)
     out.mkdir(parents=True, exist_ok=True)
-    seed = int(name[1:])
-    command = [sys.executable, "-m", "rig.start", "diagnose", *map(str, logs), "--out", str(out)]
-    command += ["--seed", str(seed), "--budget", f"{budget_s:g}"]
-    began, digest = time.monotonic(), program_digest()
-    exit_code = _run(command, out / "output.txt", _TIMES_BUDGET * budget_s + _START_S)
-    cost = Cost(time.monotonic() - began, exit_code, budget_s, seed, len(logs), digest)
     (out / "cost.json").write_text(json.dumps(asdict(cost)))
+
+
+def _diagnose(
+    folder: Path, name: str, look: str, model: Path | None, budget_s: float | None, effort: float
+) -> Cost:
+    out, logs, seed = _out(folder, name + look), logs_of(folder, name), int(name[1:])
+    out.mkdir(parents=True, exist_ok=True)
+    command = ["diagnose", *map(str, logs), "--out", str(out), "--seed", str(seed)]
+    command += [] if budget_s is None else ["--budget", f"{budget_s:g}"]
+    command += [] if effort == 1.0 else ["--effort", f"{effort:g}"]
+    command += [] if model is None else ["--model", str(model)]
+    digest = program_digest()
+    spent = rattle(command, out / "output.txt", _LONGEST_S)
+    cost = Cost(
+        spent.wall_s, spent.exit_code, budget_s, effort, seed, len(logs), digest, spent.cpu_s, spent.memory_mb
+    )
+    _keep(folder, name + look, cost)
     return cost
-
-
-def _run(command: Sequence[str], output: Path, limit_s: float) -> int | None:
-    """Exit code; None where it was stopped, with all that it had started."""
-    with output.open("w") as text:
-        process = subprocess.Popen(  # noqa: S603 - our own
-            command,
-            cwd=ROOT,
-            stdout=text,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env={**os.environ, "RATTLE_SIMULATED": "0"},  # its cost is a first look's
-        )
-        try:
-            return process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            return None
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()

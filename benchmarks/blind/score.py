@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,36 +13,51 @@ from typing import Any
 from benchmarks.blind.baselines import BASELINES
 from benchmarks.blind.campaigns import Campaign
 from benchmarks.blind.cases import Answer, Case, Gaps, answer_of
-from benchmarks.blind.gap.campaign import answer_gap, truth_gaps
+from benchmarks.blind.gap.campaign import answer_gap, answer_is_measured, known_gaps, truth_gaps
+from benchmarks.blind.held_out import with_classes_held_out
 from benchmarks.blind.make import each_done, workers
 from benchmarks.blind.metrics import first_answer
 from benchmarks.blind.page import page
 from benchmarks.blind.result import Confusion, as_json
-from benchmarks.blind.runner import Cost, cost_of, diagnosis_file
-from benchmarks.blind.seal import unseal
-from benchmarks.blind.table import BESIDE, JUDGED
+from benchmarks.blind.runner import CALIBRATED, Cost, cost_of, diagnosis_file
+from benchmarks.blind.seal import Frozen, frozen_of
+from benchmarks.blind.sets import OUTSIDE
+from benchmarks.blind.table import BESIDE, JUDGED, UNKNOWN
 
 FAILED = "(failed)"
 
 
-def measure_truths(folder: Path) -> None:
+def measure_truths(folder: Path, campaigns: Sequence[Campaign]) -> None:
     """Work out how far the true effects close each gap, on two processes; needs no diagnosis."""
-    _all_gaps(folder, [campaign for campaign in unseal(folder) if in_catalogue(campaign)], truth_gaps)
+    _all_gaps(folder, [campaign for campaign in campaigns if hides(campaign)], truth_gaps)
 
 
-def score(folder: Path) -> bool:
-    """Print the figures and write score.json and score.txt; returns whether one program met every bar.
+def score(folder: Path, campaigns: Sequence[Campaign], quick: bool = False) -> bool:
+    """Print the figures, write score.json and score.txt; returns whether the frozen program met every bar.
 
-    Campaigns that were not diagnosed yet are left out, and their number is said. Raises SealBroken if the
-    answers have changed.
+    Campaigns that were not diagnosed yet are left out, and their number is said. Gaps are kept as they are
+    measured, so that a score that was stopped goes on; `quick` measures none: effects whose gaps are not
+    known yet count as shown and have no shrink. Raises SealBroken if the answers have changed.
     """
-    campaigns = unseal(folder)
-    costs = {each.name: cost for each in campaigns if (cost := cost_of(folder, each.name))}
-    done = [campaign for campaign in campaigns if campaign.name in costs]
-    gaps = _all_gaps(folder, [campaign for campaign in done if in_catalogue(campaign)], _gaps_of)
-    cases = [_case(folder, campaign, gaps.get(campaign.name), costs[campaign.name]) for campaign in done]
+    frozen = frozen_of(folder)
+    costs = {
+        (each.name, look): cost
+        for each in campaigns
+        for look in ("", CALIBRATED)
+        if (cost := cost_of(folder, each.name + look))
+    }
+    asked = [each for each in campaigns if hides(each) and (each.name, "") in costs]
+    gaps = _known_gaps(folder, asked) if quick else _all_gaps(folder, asked, _gaps_of)
+    cases = _judged_held_out(
+        [
+            _case(folder, each, look, gaps.get(each.name), costs[each.name, look])
+            for each in campaigns
+            for look in ("", CALIBRATED)
+            if (each.name, look) in costs
+        ]
+    )
     judged, beside = ([figure.measure(cases) for figure in part] for part in (JUDGED, BESIDE))
-    notes = _notes(cases, campaigns, list(costs.values()))
+    notes = _notes(cases, campaigns, list(costs.values()), frozen)
     table = confusion(cases)
     baselines = baseline_values(cases)
     text = page(judged, beside, baselines, table, notes)
@@ -49,12 +65,12 @@ def score(folder: Path) -> bool:
     (folder / "score.txt").write_text(text)
     result = as_json(judged, beside, baselines, table, notes, cases)
     (folder / "score.json").write_text(json.dumps(result, indent=1, allow_nan=False))
-    return all(figure.met for figure in judged) and len(_programs(list(costs.values()))) == 1
+    return all(figure.met for figure in judged) and _programs(list(costs.values())) == {frozen.program_sha256}
 
 
-def in_catalogue(campaign: Campaign) -> bool:
-    """Whether the twin can have what is hidden."""
-    return campaign.kind in ("single", "pair")
+def hides(campaign: Campaign) -> bool:
+    """Whether something is hidden."""
+    return campaign.kind != "none"
 
 
 def read_answer(folder: Path, name: str, cost: Cost) -> Answer | None:
@@ -71,7 +87,8 @@ def confusion(cases: Sequence[Case]) -> Confusion:
     """How often each truth (of one name) was given each first answer."""
     table: dict[str, Counter[str]] = {}
     for case in cases:
-        if case.campaign.kind != "pair":
+        one = case.campaign.kind not in ("pair", "triple")
+        if one and case.campaign.right_page and not case.calibrated:
             said = FAILED if case.answer is None else first_answer(case.answer)
             table.setdefault(_label(case), Counter())[said] += 1
     return {truth: dict(table[truth].most_common()) for truth in sorted(table)}
@@ -99,24 +116,50 @@ def _named(work: Any, folder: Path, campaign: Campaign) -> tuple[str, Gaps]:
 
 def _gaps_of(folder: Path, campaign: Campaign) -> Gaps:
     known = truth_gaps(folder, campaign)
+    if not campaign.right_page or campaign.kind in OUTSIDE:  # what an answer closes there is another question
+        return known
     after = answer_gap(folder, campaign)
     return Gaps(known.before, known.oracle, known.before if after is None else after)
 
 
-def _case(folder: Path, campaign: Campaign, gaps: Gaps | None, cost: Cost) -> Case:
-    return Case(campaign, read_answer(folder, campaign.name, cost), gaps, cost.wall_s)
+def _known_gaps(folder: Path, campaigns: Sequence[Campaign]) -> dict[str, Gaps]:
+    return {
+        each.name: _gaps_of(folder, each)
+        for each in campaigns
+        if known_gaps(folder, each) is not None
+        and (not each.right_page or each.kind in OUTSIDE or answer_is_measured(folder, each))
+    }
 
 
-def _notes(cases: Sequence[Case], campaigns: Sequence[Campaign], costs: Sequence[Cost]) -> list[str]:
+def _judged_held_out(cases: Sequence[Case]) -> list[Case]:
+    """With thresholds for "unknown" that were set without a case's class, where there are enough."""
+    main = {id(case) for case in UNKNOWN(cases)}
+    rest = [case for case in cases if id(case) not in main]
+    return [*with_classes_held_out(UNKNOWN(cases)), *rest]
+
+
+def _case(folder: Path, campaign: Campaign, look: str, gaps: Gaps | None, cost: Cost) -> Case:
+    answer = read_answer(folder, campaign.name + look, cost)
+    case = Case(campaign, answer, gaps, cost.wall_s, cost.cpu_s, cost.memory_mb, calibrated=bool(look))
+    return replace(case, gaps=None if gaps is None else replace(gaps, after=None)) if look else case
+
+
+def _notes(
+    cases: Sequence[Case], campaigns: Sequence[Campaign], costs: Sequence[Cost], frozen: Frozen
+) -> list[str]:
     failed = [case.campaign.name for case in cases if case.answer is None]
-    kinds = Counter(case.campaign.kind for case in cases)
-    programs = len(_programs(costs))
-    hidden = [case for case in cases if in_catalogue(case.campaign) and not case.visible]
+    done = [case for case in cases if not case.calibrated]
+    kinds = Counter(case.campaign.kind for case in done)
+    programs = _programs(costs)
+    hidden = [case for case in cases if hides(case.campaign) and not case.visible]
     return [
-        f"{len(cases)} of {len(campaigns)} campaigns diagnosed ({_listed(kinds)}), {len(failed)} failed"
-        + (f": {', '.join(failed)}" if failed else ""),
+        f"{len(done)} of {len(campaigns)} campaigns diagnosed ({_listed(kinds)}), "
+        f"{sum(case.calibrated for case in cases)} of them once more by a model of healthy rigs, "
+        f"{len(failed)} failed" + (f": {', '.join(failed)}" if failed else ""),
         f"{len(hidden)} whose settings cannot show what is hidden",
-        f"diagnosed by {programs} version{'s' if programs != 1 else ''} of the program",
+        f"diagnosed by {len(programs)} version{'s' if len(programs) != 1 else ''} of the program",
+        f"drawn with seed {frozen.seed} for commit {frozen.commit}, which "
+        + ("diagnosed all" if programs <= {frozen.program_sha256} else "is NOT what diagnosed"),
     ]
 
 

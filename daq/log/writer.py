@@ -71,7 +71,7 @@ class LogWriter:
         self._open = True
         try:
             self._guard(lambda: self._writer.start(profile="", library=self._library))
-            self._checksum()
+            self._seal()
         except RecorderFailed:
             self.close()
             raise
@@ -92,7 +92,7 @@ class LogWriter:
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Add a metadata record (`scenario`, `run`)."""
         self._guard(lambda: self._writer.add_metadata(name, dict(record)))
-        self._checksum()
+        self._seal()
 
     def add_block(self, origin: str, block: SampleBlock, host_ns: int) -> None:
         """Add samples of a declared channel; `host_ns` is when the host had them (Unix epoch)."""
@@ -268,19 +268,21 @@ class LogWriter:
         return self._writer._Writer__chunk_builder.record_writer  # type: ignore[attr-defined, no-any-return]
 
     def _end_chunk(self) -> None:
-        """Its bytes go to the system, and a checksum of all so far: they outlive this process."""
         self._guard(self._writer.flush)
-        self._checksum()
-        self._guard(self._file.flush)
+        self._seal()
         self._chunk_opened_ns = 0
 
-    def _checksum(self) -> None:
-        """Of all so far: between two of them each record can be checked alone."""
+    def _seal(self) -> None:
+        """A checksum of all so far, which goes to the system, so that it outlives this process.
+
+        Between two of them each record can be checked alone.
+        """
         record: RecordBuilder = self._writer._Writer__record_builder  # type: ignore[attr-defined]
         record.start_record(CHECKSUM_OPCODE)  # type: ignore[arg-type]
         record.write4(self._writer._Writer__data_section_crc)  # type: ignore[attr-defined]
         record.finish_record()
         self._guard(self._writer._Writer__flush)  # type: ignore[attr-defined]
+        self._guard(self._file.flush)
 
     def _guard(self, write: Callable[[], object]) -> None:
         if self._failed is not None:

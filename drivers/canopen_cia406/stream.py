@@ -151,6 +151,7 @@ class PositionStream:
             self._gaps = Gaps()
             self._counts = PositionStatistics()
             self._enqueued = 0
+            self._set_by_s = 0.0
             self._suspect = self._unsure = self._operational = False  # overrun not told yet; numbers; node
             self._wanted = 1  # how many the reader waits for: it is not woken before
             self._beat_limit_s = HEARTBEATS_MISSED * heartbeat_s
@@ -202,7 +203,7 @@ class PositionStream:
             gaps = self._gaps.before(placed[-1].number)
             flags = Flag.SAMPLES_MISSING_BEFORE if gaps or self._suspect else Flag.GOOD
             self._suspect = False
-        if any(item.stepped or not item.certain for item in placed):
+        if not all(item.certain for item in placed):
             flags |= Flag.CLOCK_NOT_LOCKED
         return PositionBlock(
             number=np.array([item.number for item in placed], dtype=np.int64),
@@ -270,6 +271,7 @@ class PositionStream:
             )
             self._note(placed.frame.arrival_s, "warning", "encoder.numbering", text)
         self._unsure = not placed.certain
+        by_one_clock = self._by_one_clock(placed)  # also of what is lost below: later times hang on it
         if len(self._queue) >= self._capacity:  # bounded: who does not read must not fill the memory
             if self._gaps.not_read():
                 text = f"positions are lost: nobody read for {self._settings.buffer_s:g} s"
@@ -277,10 +279,21 @@ class PositionStream:
             self._count("queue_overruns")
             return
         self._gaps.keep(placed)
-        self._queue.append(placed)
+        self._queue.append(by_one_clock)
         self._enqueued += 1
         if len(self._queue) >= self._wanted:
             self._changed.notify_all()
+
+    def _by_one_clock(self, placed: Placed) -> Placed:
+        """With its time as if the clock had not been set, where it is certain which frame it is.
+
+        The sender's timer went on, and tells by how much the clock of the timestamps was set.
+        """
+        last, frame = self._gaps.last, placed.frame
+        if last is not None and placed.stepped and placed.certain:
+            passed_s = (placed.number - last.number) * self._settings.period_s
+            self._set_by_s += frame.timestamp_s - last.frame.timestamp_s - passed_s
+        return placed._replace(frame=frame._replace(timestamp_s=frame.timestamp_s - self._set_by_s))
 
     def _heartbeat(self, message: can.Message, arrival_s: float) -> None:
         try:

@@ -183,9 +183,10 @@ class Motor:
         return tuple(fr.fault_name(code) for code in codes)
 
     def silence_ends_s(self) -> float:
-        """When an answer must have come, or the drive counts as gone."""
+        """When the last request must have been sent: an answer later than its own deadline is none."""
         since_s = self._talk.unanswered_since_s
-        return (self._clock.monotonic_s() if since_s is None else since_s) + self._settings.silent_s
+        now_s = self._clock.monotonic_s()
+        return (now_s if since_s is None else since_s) + self._settings.silent_s - self._settings.answer_s
 
     @property
     def _target(self) -> str:

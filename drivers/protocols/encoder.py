@@ -29,7 +29,8 @@ class PositionBlock:
 
     `number` counts frames since `start`, missing ones included, so that a gap is a jump in it. `arrival_s` is
     when this machine had the frame (monotonic clock), `timestamp_s` when the interface or device says it was
-    (s since the Unix epoch by a clock of its own). `counts` are raw, from 0 to the encoder's total range.
+    (s since the Unix epoch by a clock of its own; where that is set and no frame is missing, times go on as
+    if it had not been). `counts` are raw, from 0 to the encoder's total range.
     """
 
     number: NDArray[np.int64]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,7 +17,6 @@ from rig.session.progress import Screen, Terminal
 if TYPE_CHECKING:
     from rig.diagnosis.recordings import RecordedCampaign
     from rig.files.model_file import ModelFile
-    from sim_twin.diagnosis.matching import Match
 
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same answer.")]
@@ -138,8 +136,16 @@ def calibrate(
             help="Each run is of another healthy rig, or of another day: learn how far they differ.",
         ),
     ] = False,
+    known_healthy: Annotated[
+        bool,
+        typer.Option(
+            "--known-healthy",
+            help="You know it by other means: what the twin cannot follow is allowed for, not refused.",
+        ),
+    ] = False,
 ) -> None:
     from daq.log.reader import LogReader
+    from rig.diagnosis.calibration import calibrated
     from rig.diagnosis.diagnose_runs import recorded_of
     from rig.files.out_folder import require_new
     from rig.twin.logged import as_model_text, followed_scenario, found
@@ -147,6 +153,8 @@ def calibrate(
     require_new(out, "calibrated")
     screen = Screen(Terminal())
     if spread:
+        if known_healthy:
+            raise typer.BadParameter("--spread and --known-healthy do not go together: leave out what is not")
         _learn_spread(runs, model, out, rigs, seed, budget, screen)
         return
     with screen.busy("reading"):
@@ -154,15 +162,10 @@ def calibrate(
         before = None if model is None else _before(model, read)
     for remark in read.remarks:
         screen.warn(remark)
-    outcome = _match(read, rigs, seed, budget, screen)
+    found_of = calibrated(read, rigs, seed, budget, screen, known_healthy)
+    outcome = found_of.match
     if not outcome.healthy:
-        text = f"their misfit is {outcome.misfit:.2g}, where one healthy rig in a hundred passes 1"
-        if outcome.suspicious:
-            text += f", and they ask for too much of {', '.join(outcome.suspicious)}"
-        raise RattleError(
-            f"these runs are not of a healthy rig: {text}. A model of them would hide what is wrong, so none "
-            f"was written; rattle diagnose tells what it is"
-        )
+        raise RattleError(found_of.refusal(known_healthy))
     twin = read.campaign.runs[0].twin
     known = outcome.matched
     table = Table("tolerance", "found", "of its deviation", box=None, pad_edge=False)
@@ -180,7 +183,10 @@ def calibrate(
         with LogReader(run) as log:
             names.append(followed_scenario(log).name)
     of_runs = [run.name for run in read.paths]
-    text = as_model_text(twin, outcome.matched, of_runs, list(dict.fromkeys(names)), before)
+    for told in found_of.told():
+        screen.say(told)
+    scenarios = list(dict.fromkeys(names))
+    text = as_model_text(twin, outcome.matched, of_runs, scenarios, before, found_of.discrepancies)
     out.write_text(text, encoding="utf-8")
     screen.say(f"model      {out}")
 
@@ -212,21 +218,3 @@ def _before(model: Path, read: RecordedCampaign) -> ModelFile:
     if known.matched.names:
         raise RattleError(f"{model} is of a calibration already; calibrate with all runs at once instead")
     return known
-
-
-def _match(read: RecordedCampaign, rigs: int, seed: int, budget: float, screen: Screen) -> Match:
-    import numpy as np
-
-    from rig.diagnosis.recordings import work_of
-    from rig.ensembles import Simulated, cores, worker_processes
-    from sim_twin.diagnosis.matching import match
-
-    work = work_of("calibrate", read.campaign, rigs)
-    with screen.bar("simulating", rigs, "healthy rigs", work) as bar, worker_processes(cores()) as workers:
-        simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget, bar)
-        outcome = match(read.campaign, read.measured, simulate, rigs, np.random.default_rng(seed), read.told)
-    if simulate.cut_short:
-        screen.warn(
-            "time ran out: fewer healthy rigs were simulated than planned; another machine may fit otherwise"
-        )
-    return outcome

@@ -72,7 +72,9 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
 def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
-    known = f"Gap {whole.gap:.2f}: a typical healthy rig has 1, the farthest of {rigs} {whole.farthest:.2f}."
+    known = (
+        f"Gap {whole.gap:.2f}: healthy rigs have 1, and up to {whole.farthest:.2f} as {rigs} of them tell."
+    )
     remarks = [f"Mind: {remark}." for remark in run.remarks]
     if not beyond and not whole.beyond:
         first = channels[0]
@@ -81,9 +83,7 @@ def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
         if run.left_out:
             within += f", but nobody knows of {listed(run.left_out)}"
         return Verdict(None if run.left_out else True, (f"{within}.", f"{known} {most}", *remarks))
-    named = [
-        f"{place.channel}, {_size(place)}, {_spot(place.worst)}" for place in (beyond or channels)[:_NAMED]
-    ]
+    named = [f"{place.channel}, {_size(place)}, {_why(place)}" for place in (beyond or channels)[:_NAMED]]
     more = len(beyond) - len(named)
     where = f"Most in {'; in '.join(named)}" + (f"; and in {more} more." if more > 0 else ".")
     next_step = f"What causes it: rattle diagnose {log} --out answer"
@@ -92,6 +92,15 @@ def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
 
 def _size(place: Place) -> str:
     return f"gap {place.gap:.2f} (healthy up to {place.farthest:.2f})"
+
+
+def _why(place: Place) -> str:
+    """What of a channel is off, in words: where it is farthest, or that all of a kind is so."""
+    level = place.level
+    if place.gap_beyond or level is None or not level.beyond:
+        return _spot(place.worst)
+    than = "higher" if level.off > 0 else "lower"
+    return f"its {level.what} {than} throughout, {abs(level.off):.1f} deviations of healthy rigs"
 
 
 def _spot(cell: Cell) -> str:
@@ -112,8 +121,8 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
         numbers = {name: kept[name] for name in kept.files}
         measure = GapMeasure(layout, numbers["twin"], numbers["floor"], float(numbers["unit"]))
         if len(measure.twin) == layout.size:
-            ends = numbers["typical"], numbers["spread"], numbers["farthest"]
-            return HealthyBand(measure, *ends, numbers["limits"], int(numbers["rigs"]))
+            ends = numbers["typical"], numbers["spread"], numbers["limits"]
+            return HealthyBand(measure, *ends, int(numbers["rigs"]))
     draws = [Draw((), seed, blocks=run.blocks) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
     work = work_of("simulate", run.campaign, len(draws))
@@ -135,7 +144,6 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
         unit=measure.unit,
         typical=band.typical,
         spread=band.spread,
-        farthest=band.farthest,
         limits=band.limits,
         rigs=band.rigs,
     )

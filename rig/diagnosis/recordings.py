@@ -270,6 +270,8 @@ def recorded_alone(path: Path, longest_s: float) -> AloneRun:
     if not len(blocks):
         raise LogError(f"less than {setting.cycles} sound cycles together, once the motion has set in")
     looked_at = max(longest // setting.cycles, _FEWEST_BLOCKS)
+    while looked_at >= 2 * max(len(blocks), _FEWEST_BLOCKS):  # of a run that was cut, healthy rigs as short
+        looked_at //= 2
     return AloneRun(run.scenario, Campaign((setting,)), blocks, run.remarks, run.left_out, looked_at)
 
 

@@ -1,7 +1,8 @@
 """The model file: what was found of a rig, so that its twin is matched.
 
 Its values, as identification found them: [model], read like a scenario's. Where calibration found its
-tolerances to lie: [[tolerances]]; or how wide those of its lab are: [tolerances], read like a scenario's.
+tolerances to lie: [[tolerances]], and what it shows otherwise even so: [[discrepancies]]. Or how wide the
+tolerances of its lab are: [tolerances], read like a scenario's.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
 from annotated_types import Ge, Le
 from pydantic import Strict
 
-from daq.quantity import Key, Quantity, Text
+from daq.quantity import Key, Quantity, Text, Whole
 from rig.files.faults import Faults, dotted, read_toml
 from rig.files.file_kind import read_file
 from rig.files.quantity import si_factor
@@ -26,8 +27,11 @@ from rig.files.table import NOTHING, read_table, read_values, unknown_keys
 from rig.rigs import RIGS
 from sim_twin.healthy import Matched
 
-_KEYS = ("rig", "runs", "scenarios", "model", "identified", "tolerances")
-_MOST = 400
+if TYPE_CHECKING:
+    from sim_twin.diagnosis.discrepancy import Discrepancy
+
+_KEYS = ("rig", "runs", "scenarios", "model", "identified", "tolerances", "discrepancies")
+_MOST, _MOST_DISCREPANCIES = 400, 4000
 
 _CORRELATIONS: Final = "a list of numbers from -1 to 1, one for each tolerance before this one"
 Correlation = Annotated[float, Strict(), Ge(-1), Le(1)]
@@ -41,6 +45,15 @@ class _ToleranceSection:
     deviation: Annotated[float, Quantity("", 0, 1)]
     correlations: Annotated[tuple[Correlation, ...], Text(_CORRELATIONS)]
     width: Annotated[float, Quantity("", 0, MOST_TIMES)] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _DiscrepancySection:
+    channel: Annotated[str, Text("a channel")]
+    what: Annotated[str, Text("what of it is compared")]
+    deviation: Annotated[float, Quantity("", 0, 1e6)]
+    partner: Annotated[str, Text("the other channel of two that are compared")] = ""
+    octave: Annotated[int | None, Whole(-40, 40)] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +76,7 @@ class ModelFile:
 
     `nominals` are the values, by tolerance, of the twin that was matched; SI. `model` holds values of keys of
     [model], and `identified` says of them, by key, how they were found. `widths` are those that its
-    tolerances had, `lab` is a table [tolerances].
+    tolerances had, `lab` is a table [tolerances]. `discrepancies` are what the matched twin does otherwise.
     """
 
     rig: str
@@ -76,6 +89,7 @@ class ModelFile:
     identified: Mapping[str, Identified] = field(default_factory=dict)
     widths: Mapping[str, float] = field(default_factory=dict)
     lab: Mapping[str, Any] = field(default_factory=dict)
+    discrepancies: tuple[Discrepancy, ...] = ()
 
 
 def load_model(path: str | Path, rig: str) -> ModelFile:
@@ -109,6 +123,7 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     tables = table.get("tolerances", [])
     lab = tables if isinstance(tables, dict) else {}
     sections = [] if lab or ("tolerances" not in table and model) else _sections(tables, faults)
+    discrepancies = tuple(_discrepancies(table.get("discrepancies", []), faults))
     faults.raise_if_any()
     count = len(sections)
     correlation = np.eye(count)
@@ -126,7 +141,14 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     nominals = {each.name: each.nominal for each in sections}
     widths = {each.name: each.width for each in sections if each.width != 1}
     found = ModelFile(rig, texts["runs"], texts["scenarios"], nominals, matched, text)
-    return dataclasses.replace(found, model=model or {}, identified=identified, widths=widths, lab=lab)
+    return dataclasses.replace(
+        found,
+        model=model or {},
+        identified=identified,
+        widths=widths,
+        lab=lab,
+        discrepancies=discrepancies,
+    )
 
 
 def _identified(tables: object, model: Mapping[str, Any], faults: Faults) -> Iterator[tuple[str, Identified]]:
@@ -140,6 +162,18 @@ def _identified(tables: object, model: Mapping[str, Any], faults: Faults) -> Ite
             faults.unknown(f"{key}.key", section.key, section.key, model, "key of its [model]")
         elif section is not None:
             yield section.key, section
+
+
+def _discrepancies(tables: object, faults: Faults) -> Iterator[Discrepancy]:
+    if not isinstance(tables, list) or len(tables) > _MOST_DISCREPANCIES:
+        faults.add("discrepancies", tables, f"tables [[discrepancies]], up to {_MOST_DISCREPANCIES}")
+        return
+    from sim_twin.diagnosis.discrepancy import Discrepancy  # a run without a model needs no diagnosis
+
+    for index, table in enumerate(tables):
+        section = read_table(_DiscrepancySection, table, f"discrepancies[{index + 1}]", faults)
+        if section is not None:
+            yield Discrepancy(**dataclasses.asdict(section))
 
 
 def _sections(tables: object, faults: Faults) -> list[_ToleranceSection]:
@@ -193,6 +227,7 @@ def model_text(
     remarks: Mapping[str, str],
     widths: Mapping[str, float] = NOTHING,
     before: Sequence[str] = (),
+    discrepancies: Sequence[Discrepancy] = (),
 ) -> str:
     """The text of a model file; `remarks` say of each tolerance in physical terms what was found.
 
@@ -217,4 +252,9 @@ def model_text(
             f"deviation = {min(matched.deviation[row], 1.0):.4f}",
             f"correlations = [{', '.join(f'{each:.3f}' for each in correlation[row, :row])}]",
         ]
+    for each in discrepancies:
+        lines += ["", "[[discrepancies]]", f'channel = "{each.channel}"', f'what = "{each.what}"']
+        lines += [f'partner = "{each.partner}"'] if each.partner else []
+        lines += [] if each.octave is None else [f"octave = {each.octave}  # {2.0**each.octave:.3g} Hz"]
+        lines += [f"deviation = {each.deviation:.4g}"]
     return "\n".join([*lines, ""])

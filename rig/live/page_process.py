@@ -48,7 +48,7 @@ def tell_page(pipe: Connection, onward: Connection, page_port: int) -> None:
                 case _ if not isinstance(frame, _OF_THE_PAGE_ALONE):
                     if isinstance(frame, Layout):
                         time_line.maximum_bytes = queue_bytes(frame)
-                    time_line.pass_on(pickled)
+                    time_line.pass_on(pickled, ages=False)
         state.end()
 
 
@@ -62,7 +62,7 @@ def records(pipe: Connection, state: PageState) -> Iterator[tuple[bytes, Shown]]
             frame: Shown | None = pickle.loads(pickled)  # noqa: S301 - by our own acquisition
         except (EOFError, OSError):
             frame = None
-            state.take(Progress("the run has gone without a word"))
+            state.take(Progress("the run has gone without a word", failed=True))
         if frame is None:
             return
         state.take(frame)

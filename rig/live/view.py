@@ -32,6 +32,8 @@ _WINDOW_S, _CYCLES = 3.0, 8
 _QUEUE_BYTES_A_TRACE = 512 << 10
 """2.5 s at 51.2 kHz: a twin that has just aligned sends its first seconds at once."""
 _LEAST_TRACES = 32
+_PATIENCE_S = 0.7
+"""The page is at most that far behind the newest sample, and what it takes to draw it."""
 _PERIOD_S = 0.05
 """Records leave in batches: one wake-up of the thread in 50 ms, not one a block, and no eye sees 50 ms."""
 
@@ -43,12 +45,16 @@ class Dropped(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """What the run is at, as the terminal says it; `done` of `total` (0: nobody knows), in `unit`."""
+    """What the run is at, as the terminal says it; `done` of `total` (0: nobody knows), in `unit`.
+
+    `failed` where that is why it has ended.
+    """
 
     text: str
     done: float = 0.0
     total: float = 0.0
     unit: str = "s"
+    failed: bool = False
 
 
 class Elsewhere(NamedTuple):
@@ -86,20 +92,35 @@ def queue_bytes(layout: Layout) -> int:
     return max(sum(map(len, layout.origins.values())), _LEAST_TRACES) * _QUEUE_BYTES_A_TRACE
 
 
+class _Waiting(NamedTuple):
+    since_s: float
+    pickled: bytes
+    ages: bool
+    """Whether a newer one says more: samples do, events and layouts do not."""
+
+
 class Sender:
     """Pickled records in memory, at most `maximum_bytes` of them, and a thread that sends them.
 
-    A full memory drops its oldest record and counts it in `dropped`; the reader is told of these and of those
-    `lost_before`. Once the reader is gone `broken` is set and nothing is kept.
+    A full memory drops its oldest record. Where the oldest has waited for `patience_s`, the blocks that wait
+    with it are dropped together, so that a slow reader sees the newest and not all. Both are counted in
+    `dropped`; the reader is told of these and of those `lost_before`. Once the reader is gone `broken` is set
+    and nothing is kept.
     """
 
-    def __init__(self, pipe: Connection, maximum_bytes: int = _LEAST_TRACES * _QUEUE_BYTES_A_TRACE) -> None:
+    def __init__(
+        self,
+        pipe: Connection,
+        maximum_bytes: int = _LEAST_TRACES * _QUEUE_BYTES_A_TRACE,
+        patience_s: float = math.inf,
+    ) -> None:
         self.dropped = 0
         self.lost_before = 0
         self.broken = False
         self._pipe = pipe
         self.maximum_bytes = maximum_bytes
-        self._waiting: deque[bytes] = deque()
+        self._patience_s = patience_s
+        self._waiting: deque[_Waiting] = deque()
         self._bytes = 0
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -111,19 +132,34 @@ class Sender:
     def offer(self, record: Record | Shown) -> None:
         """Queue a copy of a record that a view shows; returns at once, whatever the reader does."""
         if not self._stop.is_set() and isinstance(record, Shown):
-            self.pass_on(b"" if self.broken else pickle.dumps(record, pickle.HIGHEST_PROTOCOL))
+            pickled = b"" if self.broken else pickle.dumps(record, pickle.HIGHEST_PROTOCOL)
+            self.pass_on(pickled, ages=isinstance(record, Block | Shape))
 
-    def pass_on(self, pickled: bytes) -> None:
+    def pass_on(self, pickled: bytes, ages: bool) -> None:
         """Queue a record that has been pickled already."""
         if self.broken:
             self.dropped += 1
             return
         with self._lock:
-            self._waiting.append(pickled)
+            self._waiting.append(_Waiting(time.monotonic(), pickled, ages))
             self._bytes += len(pickled)
             while self._bytes > self.maximum_bytes:
-                self._bytes -= len(self._waiting.popleft())
+                self._bytes -= len(self._waiting.popleft().pickled)
                 self.dropped += 1
+
+    def _next(self) -> bytes | None:
+        """What is to be sent next, if anything waits."""
+        with self._lock:
+            if self._waiting and time.monotonic() - self._waiting[0].since_s > self._patience_s:
+                kept = [each for each in self._waiting if not each.ages]
+                self.dropped += len(self._waiting) - len(kept)
+                self._waiting = deque(kept)
+                self._bytes = sum(len(each.pickled) for each in kept)
+            if not self._waiting:
+                return None
+            pickled = self._waiting.popleft().pickled
+            self._bytes -= len(pickled)
+            return pickled
 
     def close(self, timeout_s: float | None) -> None:
         """Send what is queued, at most `timeout_s` (None: until the reader is gone), and that it was all."""
@@ -140,12 +176,7 @@ class Sender:
                 if told != self.dropped + self.lost_before:
                     told = self.dropped + self.lost_before
                     self._pipe.send(Dropped(told))
-                while True:
-                    with self._lock:
-                        if not self._waiting:
-                            break
-                        pickled = self._waiting.popleft()
-                        self._bytes -= len(pickled)
+                while (pickled := self._next()) is not None:
                     self._pipe.send_bytes(pickled)
                 if stopping:
                     self._pipe.send(None)
@@ -203,7 +234,7 @@ class LiveView:
             self._time_line.start()
             self._page = Child("live view", _page, writing, said, self._page_port, grace_s=LAST_WORDS_S)
             self._page.start()
-        self._sender = Sender(self._page.pipe)
+        self._sender = Sender(self._page.pipe, patience_s=_PATIENCE_S)
         self._sender.start()
         self.offer = self._sender.offer
         self._started = True

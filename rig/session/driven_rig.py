@@ -31,7 +31,6 @@ from rig.session.by_hand import ByHand, SineSeen
 from rig.session.devices import Devices, Standing
 from rig.session.drive import Motion, Shaker, drive_off_after
 from rig.session.encoder_record import ENCODER_CHANNEL, HANGS_S, EncoderRecord, encoder_channel
-from rig.session.frequency import ON_THEIR_WAY_S
 from rig.session.interlock import HUNG_S, ForceWatch, LimitWatch
 from rig.session.levels import Levels
 from rig.session.logbook import Logbook, logged_by, new_log, run_record
@@ -46,6 +45,7 @@ from rig.twin.alignment import force_shown
 from sim_twin.twin import AnyTwin
 
 _BLOCK_S = 0.1  # as often as the card's readings come
+_REACHES_RIG_S = 0.05  # what was ordered of a generator
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker
 _ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
@@ -208,7 +208,10 @@ class DrivenRig:
 
             def prove(ordered: float) -> None:
                 """Raise before a soft start goes on where the measured force is not what was ordered."""
-                self.watch.wait(ON_THEIR_WAY_S + force.over_s)
+                acquisition = self.acquisition  # by its samples, which come late on a busy machine
+                ordered_s = float(acquisition.base.card_s(acquisition.base.now_s()))
+                due = (ordered_s + _REACHES_RIG_S + force.over_s) * self.sample_rate
+                self.watch.until(acquisition, lambda: acquisition.acquired >= due)
                 if unlike := force.unlike(ordered, driven):
                     self.logbook.tell("error", "drive.abort", unlike)
                     raise InterlockTripped(f"interlock: {unlike}; the drive is off")

@@ -41,7 +41,7 @@ def on_page(screen: Screen) -> Iterator[LiveView]:
     try:
         yield view
     except BaseException as error:
-        screen.stage(str(error) or "stopped")
+        view.offer(Progress(str(error) or "stopped", failed=True))
         raise
     finally:
         screen.stages.remove(tell)

@@ -24,6 +24,7 @@ _POINT_S = 0.005  # a point of the angle is kept so often: 20 within `_LATEST_S`
 _LATEST_S = 0.1  # what counts as now: a block of the card and a little of the last
 _STANDS_RPM = 2.0
 """A tachometer that shows less may stand on a shaft that stands: its zero is none."""
+_NO_SHAFT_RAD_S = 30_000 / RPM_PER_RAD_S  # far beyond any crank
 _STEADY_SHARE = 0.10  # what a turn's mean may differ from the latest, with an uneven turn, and still count
 _OVERDUE = 1.25
 """Intervals without a mark from which on a marker cannot say whether the shaft still turns."""
@@ -91,14 +92,17 @@ class ByAngle:
     """From an unwrapped angle: the mean of the last turn, of the last tenth of a second where they differ.
 
     `count_rad`: a step of the angle. A tenth of a second may show two more or fewer, which is no difference.
+    Where the angle leaps as no shaft turns, its counter was set at the index: it begins anew.
     """
 
     def __init__(self, sample_rate: float, count_rad: float = 0.0) -> None:
         self._rate = sample_rate
         self._alike_rad_s = 2.0 * count_rad / _LATEST_S
+        self._leap_rad = max(_NO_SHAFT_RAD_S / sample_rate, 2.0 * count_rad)
         self._every = max(1, round(_POINT_S * sample_rate))
         self._points: deque[tuple[float, float]] = deque(maxlen=round(_KEPT_S / _POINT_S))
         self._last: float | None = None
+        self._last_at = 0
         self.marks: deque[float] = deque(maxlen=_MOST_MARKS)
 
     def take(self, first_sample: int, values: NDArray[np.float64]) -> SpeedReading:
@@ -109,11 +113,19 @@ class ByAngle:
         # where the angle passes whole turns, between two samples where it does so evenly
         known = values if self._last is None else np.concatenate([[self._last], values])
         begin = first_sample - (self._last is not None)
+        passed = np.ones(len(known) - 1)
+        passed[: first_sample - begin] = first_sample - self._last_at
+        leaps = np.flatnonzero(np.abs(np.diff(known)) > self._leap_rad * passed)
+        if len(leaps):
+            behind = int(begin + leaps[-1] + 1 - first_sample)
+            self._points.clear()
+            self._last = None
+            return self.take(first_sample + behind, values[behind:])
         turns = np.floor(known / math.tau)
         for edge in np.flatnonzero(turns[1:] > turns[:-1]):
             share = (turns[edge + 1] * math.tau - known[edge]) / (known[edge + 1] - known[edge])
             self.marks.append(float(begin + edge + share))
-        self._last = float(values[-1])
+        self._last, self._last_at = float(values[-1]), first_sample + len(values) - 1
         at = np.arange(len(values) - 1, -1, -self._every)[::-1]
         times = ((first_sample + at) / self._rate).tolist()
         self._points.extend(zip(times, values[at].tolist(), strict=True))

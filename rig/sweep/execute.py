@@ -190,6 +190,7 @@ class Sweeping:
         except (RattleError, KeyboardInterrupt) as error:
             ended = PointState("stopped", why=str(error) or "interrupted")
             self._keep(self._state.with_point(number, ended))
+            self._screen.say(f"point {number} was not done: the same call repeats it and goes on")
             raise
 
     def _centred(self, point: Point, standing: Standing) -> Point:

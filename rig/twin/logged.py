@@ -16,6 +16,7 @@ from rig.rigs import RIGS
 from rig.twin.alignment import Alignment, reference_among, untouched
 from rig.twin.scenario_twin import twin_of, with_effects
 from sim_twin.diagnosis.campaign import Campaign
+from sim_twin.diagnosis.discrepancy import Discrepancy
 from sim_twin.diagnosis.matching import matched_campaign
 from sim_twin.healthy import Matched, Tolerance
 from sim_twin.twin import AnyTwin
@@ -44,7 +45,8 @@ def campaign_with_model(
     for text in told:
         warn(text)
     runs = [replace(run, twin=twin) for run, twin in zip(campaign.runs, twins, strict=True)]
-    return matched_campaign(replace(campaign, runs=tuple(runs)), carried(model, twins, warn))
+    known = replace(campaign, runs=tuple(runs), discrepancies=model.discrepancies)
+    return matched_campaign(known, carried(model, twins, warn))
 
 
 def with_values(twin: AnyTwin, model: ModelFile, scenario: Scenario, warn: Callable[[str], None]) -> AnyTwin:
@@ -97,6 +99,7 @@ def as_model_text(
     runs: Sequence[str],
     scenarios: Sequence[str],
     before: ModelFile | None = None,
+    discrepancies: Sequence[Discrepancy] = (),
 ) -> str:
     """The model file that says how the rig of the nominal `twin` was found, and what was known `before`."""
     known = [each for each in twin.model.lasting_tolerances(twin) if each.name in matched.names]
@@ -107,7 +110,9 @@ def as_model_text(
         said = dict.fromkeys(before.model, "as rattle identify found it")
         lines = identified_text(before.rig, before.model, before.identified, said)
     widths = {each.name: twin.widths[each.name] for each in known if each.name in twin.widths}
-    return model_text(twin.model.name, runs, scenarios, nominals, matched, remarks, widths, lines)
+    return model_text(
+        twin.model.name, runs, scenarios, nominals, matched, remarks, widths, lines, discrepancies
+    )
 
 
 def found(tolerance: Tolerance, twin: AnyTwin, matched: Matched) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil, inf, pi
 from typing import TypeAlias
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.discrepancy import Discrepancy, drawn
 from sim_twin.diagnosis.fingerprint import Columns, Crossed, Layout, Look
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
@@ -124,14 +125,18 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Some runs of one rig; `numbers` are theirs among those of a larger campaign, for what is drawn."""
+    """Some runs of one rig; `numbers` are theirs among those of a larger campaign, for what is drawn.
+
+    `discrepancies` are what healthy rigs show otherwise than any twin.
+    """
 
     runs: tuple[RunSetting, ...]
     numbers: tuple[int, ...] = ()
+    discrepancies: tuple[Discrepancy, ...] = ()
 
     def only(self, numbers: tuple[int, ...]) -> Campaign:
         """Some of the runs: what is observed of them is the same bits."""
-        return Campaign(tuple(self.runs[k] for k in numbers), numbers)
+        return replace(self, runs=tuple(self.runs[k] for k in numbers), numbers=numbers)
 
     @property
     def layout(self) -> Layout:
@@ -171,7 +176,19 @@ class Campaign:
             ]
             for k, setting in enumerate(self.runs)
         ]
-        return [joined([run[number] for run in found]) for number in range(len(draws))]
+        together = [joined([run[number] for run in found]) for number in range(len(draws))]
+        return self.as_they_differ(draws, together)
+
+    def as_they_differ(self, draws: Sequence[Draw], observed: Sequence[Observed]) -> list[Observed]:
+        """What simulated rigs show, with what is otherwise in real ones."""
+        if not self.discrepancies:
+            return list(observed)
+        layout, numbers = self.layout, self.numbers or tuple(range(len(self.runs)))
+        apart = [drawn(layout, self.discrepancies, draw.seed, numbers) for draw in draws]
+        return [
+            tuple(None if blocks is None else blocks + off for blocks in each)
+            for off, each in zip(apart, observed, strict=True)
+        ]
 
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
         """What the channels of each run show, (runs, draws); None for a run that failed."""

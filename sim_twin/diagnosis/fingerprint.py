@@ -23,7 +23,8 @@ _BANDS_PER_OCTAVE, _NARROW_PER_OCTAVE = 3, 24
 _PHASES = 16
 _COUNTS_FROM = 0.1
 _FAINT = 1e-12
-FIGURES = ("peak", "crest", "share of time", "contacts", "early or late", "first or second half")
+COUNTED = "contacts"
+FIGURES = ("peak", "crest", "share of time", COUNTED, "early or late", "first or second half")
 _TOLERANCE = {
     "energy": 0.1,
     "rms": 0.1,

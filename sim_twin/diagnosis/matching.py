@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.campaign import Campaign
+from sim_twin.diagnosis.discrepancy import learned
 from sim_twin.diagnosis.space import Moments, space_of
 from sim_twin.diagnosis.subject import Draw, Observed
 from sim_twin.healthy import Matched, drawn_places
@@ -78,17 +79,30 @@ def match(
     count: int,
     rng: np.random.Generator,
     told: Sequence[float] = (),
+    known_healthy: bool = False,
 ) -> Match:
     """Match the campaign's rig to its `measured` fingerprints (blocks, numbers), by `count` simulated rigs.
 
-    `told`: how many blocks of each run they are worth; empty: as many as there are.
+    `told`: how many blocks of each run they are worth; empty: as many as there are. Of a rig that is
+    `known_healthy`, what lies beyond healthy rigs is a discrepancy of the twin, and is matched no further.
 
     `simulate` has the campaign observe draws; () stands for one that there was no time for. Raises
     SimulationFailed where too few came out.
     """
     draws = healthy_draws(count, rng)
-    rigs = simulated_rigs(campaign, draws, simulate(draws))
-    return match_among(rigs, Moments(campaign.layout), measured, told)
+    observed, moments = simulate(draws), Moments(campaign.layout)
+    found = match_among(simulated_rigs(campaign, draws, observed), moments, measured, told)
+    if not known_healthy or found.healthy:
+        return found
+    beyond = learned(campaign.layout, measured, fingerprints_of(observed))
+    other = replace(campaign, discrepancies=beyond)
+    rigs = simulated_rigs(other, draws, other.as_they_differ(draws, observed))
+    return match_among(rigs, moments, measured, told)
+
+
+def fingerprints_of(observed: Sequence[Observed]) -> NDArray[np.float32]:
+    """Those of the rigs that came out, (n, blocks, numbers)."""
+    return np.array([each[0] for each in observed if each and each[0] is not None])
 
 
 def simulated_rigs(campaign: Campaign, draws: Sequence[Draw], observed: Sequence[Observed]) -> Rigs:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from benchmarks.blind.campaigns import Campaign, Kind
+from benchmarks.blind.campaigns import Campaign
 from benchmarks.blind.cases import Answer, Case, Estimate, Gaps, Ranked
 from benchmarks.blind.catalogue import BEAM, CATALOGUE, EffectEntry
+from benchmarks.blind.sets import Kind
 
 CLEARANCE: EffectEntry = {"name": "clearance", "parameters": {"scale": 1.5}}
 DAMPING: EffectEntry = {"name": "contact_damping", "parameters": {"scale": 10.0}}
@@ -14,10 +15,12 @@ GAIN: EffectEntry = {"name": "sensor_gain", "parameters": {"channel": "yoke.forc
 OUTSIDER: EffectEntry = {"name": "loose_cable", "parameters": {"rate": 3.0}}
 
 
-def campaign(kind: Kind, *effects: EffectEntry, name: str = "c000", runs: int = 1) -> Campaign:
+def campaign(
+    kind: Kind, *effects: EffectEntry, name: str = "c000", runs: int = 1, of_set: str = "singles"
+) -> Campaign:
     """A campaign on the beam."""
-    point: dict[str, float | str] = {"beam": "steel", "frequency": 20.0}
-    return Campaign(name, BEAM, kind, (point,) * runs, effects, 1, tuple(range(runs)))
+    point: dict[str, float | str] = {"beam": "steel", "frequency": 20.0, "duration": 5.0}
+    return Campaign(name, BEAM, kind, (point,) * runs, effects, 1, tuple(range(runs)), of_set)
 
 
 def answer(

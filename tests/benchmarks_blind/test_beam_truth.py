@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.beam import effects, outside
 from benchmarks.blind.beam.engine import Truth, simulate
-from benchmarks.blind.beam.record import OUTSIDE, record
+from benchmarks.blind.beam.outside import MILD, PAGES, STRONG
+from benchmarks.blind.beam.record import record
 from benchmarks.blind.beam.rig import Rig, jittered, nominal, set_up
 from benchmarks.blind.beam.structure import frequencies
+from benchmarks.blind.outsiders import Outside
 from benchmarks.blind.recording import Recording
 
 FINE = 204_800
@@ -182,9 +184,9 @@ def test_base_acceleration_is_noise_on_a_rigid_base() -> None:
 
 
 @pytest.mark.parametrize(
-    "which", [which for which in OUTSIDE if which.name not in _SLOW], ids=lambda which: which.name
+    "which", [which for which in STRONG if which.name not in _SLOW], ids=lambda which: which.name
 )
-def test_effect_from_outside_is_seen(which: outside.Outside) -> None:
+def test_effect_from_outside_is_seen(which: Outside) -> None:
     effect = which.draw(np.random.default_rng(5))
     plain, seen = _plain(), _recorded(effect)
     off = [_rms(seen.channels[name] - plain.channels[name]) for name in (UPPER, LOWER, YOKE)]
@@ -224,9 +226,12 @@ def test_catalogue_is_complete_and_the_outside_is_outside() -> None:
         "drive_distortion", "sensor_gain", "sensor_droop", "sensor_bandwidth", "time_skew",
     }  # fmt: skip
     assert {*effects.CHANGES, *effects.SENSOR_EFFECTS} == inside
-    names = {which.name for which in OUTSIDE}
-    assert names == {*outside.CHANGES, *outside.FAULTS}
+    names = {which.name for which in STRONG}
+    pages = {which.name for every in PAGES.values() for which in every}
+    assert names == {which.name for which in MILD}
+    assert names | pages == {*outside.CHANGES, *outside.FAULTS}
     assert not names & inside
+    assert not names & pages
 
 
 def test_what_it_cannot_do_is_refused() -> None:

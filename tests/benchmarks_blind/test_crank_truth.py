@@ -16,7 +16,7 @@ from benchmarks.blind.crank import mechanism
 from benchmarks.blind.crank.effects import CATALOGUE, CHAIN_EFFECTS
 from benchmarks.blind.crank.frame import acceleration
 from benchmarks.blind.crank.mechanism import Motion, moved, started
-from benchmarks.blind.crank.outside import FAULTS, MECHANICAL, ON_THE_WAY, OUTSIDE
+from benchmarks.blind.crank.outside import FAULTS, MECHANICAL, MILD, ON_THE_WAY, PAGES, STRONG
 from benchmarks.blind.crank.parts import Parts
 from benchmarks.blind.crank.record import encoded, real_rig, record
 from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y, Crank, Mode, Ripple, hertz_stiffness
@@ -224,23 +224,41 @@ def test_effects_that_calm_the_frame(effects: list[Mapping[str, Any]]) -> None:
 
 
 def test_every_effect_is_somewhere() -> None:
-    outside = {one.name for one in OUTSIDE}
-    assert outside == {*MECHANICAL, *ON_THE_WAY, *FAULTS}
+    outside = {one.name for one in STRONG}
+    pages = {one.name for every in PAGES.values() for one in every}
+    assert outside == {one.name for one in MILD}
+    assert outside | pages == {*MECHANICAL, *ON_THE_WAY, *FAULTS} - {"loose_cable"}
     assert not outside & {*CATALOGUE, *CHAIN_EFFECTS}
+    assert not outside & pages
 
 
-@pytest.mark.parametrize("kind", OUTSIDE, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", STRONG, ids=lambda kind: kind.name)
 def test_outside_effects_change_the_recording(kind: Any) -> None:
     short = {**SCENARIO, "settle": 0.05, "duration": 0.15}
-    drawn = {**kind.draw(np.random.default_rng(3))}
-    if kind.name == "dropouts":  # so that the short run has some
-        drawn["parameters"] = {**drawn["parameters"], "per_second": 100.0}
+    drawn = kind.draw(np.random.default_rng(3))
+    if kind.name in FAULTS:  # so that the short run has something, and enough of it
+        drawn["parameters"] |= {"per_s": 100.0, "growth_per_s": 1.0}
     nominal, other = record(short, [], 1, 1), record(short, [drawn], 1, 1)
-    # the noise is the same: what differs is the effect
+    # the noise is the same: what differs is the effect, by ten times the noise
     assert any(
-        np.abs(other.channels[name] - nominal.channels[name]).max() > 1.0
+        np.abs(other.channels[name] - nominal.channels[name]).max() > 0.5
         for name in (CRANK_X, CRANK_Y, PISTON_Y)
     )
+
+
+def test_a_friction_that_falls_with_speed_is_one_less_another() -> None:
+    rubbing = {"friction": 0.1}
+    plain, none_more = free_motion(**rubbing), free_motion(**rubbing, stribeck=(1e-12, 0.05))
+    # 15 kN; two contacts that share the force round otherwise
+    assert np.abs(plain.pin - none_more.pin).max() < 1e-3
+    assert np.abs(plain.pin - free_motion(**rubbing, stribeck=(2.0, 0.05)).pin).max() > 100
+
+
+def test_another_exponent_is_as_strong_at_its_depth() -> None:
+    softer = replace(NOMINAL, exponent=1.3)
+    depth = 5e-6
+    force, other = (crank.joint_stiffness(0) * depth**crank.exponent for crank in (NOMINAL, softer))
+    assert other == pytest.approx(force, rel=1e-9)
 
 
 def test_unknown_effect_is_refused() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.blind.gap.beam import drive_phase, whole_cycles, without_crosstalk
+from benchmarks.blind.gap.beam import beam_features, drive_phase, whole_cycles, without_crosstalk
+from benchmarks.blind.gap.crank import ACCELERATIONS, crank_features
 from benchmarks.blind.gap.cycles import contacts, lag, levels, orders
 from benchmarks.blind.gap.distance import Floor, energy_distances
 from benchmarks.blind.gap.spatial import FORCES, marked_turns, spatial_features
@@ -145,3 +146,45 @@ def test_a_late_mark_shows_as_an_earlier_contact() -> None:
     assert on_time["socket.force"]["onsets"] == 1
     # what lies between the channels is the same
     assert late["timing"] == pytest.approx(on_time["timing"], abs=1e-6)
+
+
+def test_what_was_not_recorded_tells_nothing() -> None:
+    every = _marked(25_600.0)
+    (_, turn, *_) = spatial_features(every, 25_600.0, 0.0)
+    fewer = {name: each for name, each in every.items() if name not in ("socket.force", "motor.tachometer")}
+    (_, without, *_) = spatial_features(fewer, 25_600.0, 0.0)
+    assert turn.keys() - without.keys() == {"socket.force", "motor.tachometer"}
+    assert {name for name in turn["timing"] if not name.startswith("socket")} == without["timing"].keys()
+
+
+def test_the_base_tells_nothing_without_the_forces_whose_cross_talk_it_has() -> None:
+    times = np.arange(round(0.5 * RATE)) / RATE
+    drive = 9 * np.sin(2 * np.pi * 20 * times)
+    every = {
+        "drive.force": drive,
+        "contact.force_upper": np.maximum(drive - 8, 0),
+        "contact.force_lower": np.maximum(-drive - 8, 0),
+        "yoke.force": drive,
+        "base.acceleration": 1e-4 * drive,
+    }
+    fewer = {name: each for name, each in every.items() if name != "contact.force_lower"}
+    (all_told, *_), (told, *_) = (beam_features(channels, RATE, 20.0) for channels in (every, fewer))
+    assert told.keys() == all_told.keys() - {"contact.force_lower", "base.acceleration"}
+    assert set(told["timing"]) == {"contact.force_upper to yoke"}
+
+
+def test_the_mark_cuts_the_planar_cranks_turns_where_no_angle_does() -> None:
+    rate, rng = 25_600.0, np.random.default_rng(2)
+    angle = 2 * np.pi * 4.0 * (np.arange(round(2.625 * rate)) + 0.5) / rate
+    every = {
+        **{name: rng.standard_normal(len(angle)) for name in ACCELERATIONS},
+        "crank.angle": angle,
+        "crank.marker": np.where(np.mod(angle, 2 * np.pi) < np.radians(5), 5.0, 0.0),
+    }
+    without = {name: each for name, each in every.items() if name not in ("crank.angle", ACCELERATIONS[2])}
+    turns, by_mark = (crank_features(channels, rate, 0.0) for channels in (every, without))
+    assert len(turns) == len(by_mark) == 9
+    assert by_mark[3]["turn"] == {"speed": turns[3]["turn"]["speed"]} == {"speed": pytest.approx(4.0)}
+    assert by_mark[3]["timing"].keys() < turns[3]["timing"].keys()
+    # the same turn: what is told of a channel by its angle is told by the mark as well
+    assert by_mark[3][ACCELERATIONS[0]] == pytest.approx(turns[3][ACCELERATIONS[0]], abs=2e-3)

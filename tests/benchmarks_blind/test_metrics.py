@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.blind import metrics
 from benchmarks.blind.baselines import BASELINES, REPEATS
-from benchmarks.blind.cases import Estimate, Gaps, answer_of, shrink
+from benchmarks.blind.cases import Estimate, Gaps, Ranked, answer_of, shrink
 from benchmarks.blind.figure import Bar
 from benchmarks.blind.intervals import bootstrap, wilson
 from tests.benchmarks_blind.stories import CLEARANCE, DAMPING, GAIN, OUTSIDER, answer, case
@@ -53,14 +54,19 @@ def test_a_failed_diagnosis_is_wrong_everywhere() -> None:
     assert metrics.first_right(failed) == metrics.three_right(failed) == metrics.location_right(failed) == 0
     assert metrics.truth_probability(failed) == 0
     assert metrics.relative_shrink(failed) == 0
+    assert metrics.parameter_error(failed) == math.inf
+    assert metrics.parameter_covered(failed) == 0
+    assert metrics.selected_f1([failed]) == 0
+    assert metrics.failed(failed) == 1
+    assert metrics.place_right(case("strong", None, OUTSIDER)) == metrics.unknown_first(failed) == 0
     assert metrics.false_alarm(case("none", None)) == 1
-    assert metrics.auroc([case("outside", None, OUTSIDER), case("none", RIGHT)]) == 0
+    assert metrics.auroc([case("strong", None, OUTSIDER), case("none", RIGHT)]) == 0
 
 
 def test_probability_and_brier_score_of_the_truth() -> None:
     assert metrics.truth_probability(case("single", RIGHT, CLEARANCE)) == pytest.approx(0.8)
     assert metrics.brier(case("single", RIGHT, CLEARANCE)) == pytest.approx(0.2**2 + 0.1**2 + 0.1**2)
-    assert metrics.truth_probability(case("outside", answer({"unknown": 0.7, "none": 0.3}), OUTSIDER)) == 0.7
+    assert metrics.truth_probability(case("mild", answer({"unknown": 0.7, "none": 0.3}), OUTSIDER)) == 0.7
 
 
 def test_calibration_error_is_the_distance_between_said_and_found() -> None:
@@ -105,6 +111,31 @@ def test_location_of_the_first_answer_is_what_counts() -> None:
     assert metrics.location_right(case("single", WRONG, GAIN)) == 0
 
 
+def test_where_something_unknown_sits_is_right_told_wrong_or_not_told() -> None:
+    hidden = case("strong", RIGHT, OUTSIDER)
+    hidden = replace(hidden, campaign=replace(hidden.campaign, places=("sensor", "clock")))
+    for place, right, told in (("clock", 1, 1), ("drive", 0, 1), ("not known", 0, 0)):
+        said = replace(hidden, answer=replace(RIGHT, place=place))
+        assert (metrics.place_right(said), metrics.place_told(said)) == (right, told)
+    assert metrics.place_right(BASELINES["oracle"]([hidden])[0]) == 1
+
+
+def test_the_place_of_an_answer_is_where_most_of_the_gap_comes_from() -> None:
+    diagnosis = {
+        "verdict_probability": {"none": 0.1, "unknown": 0.9},
+        "effects": [],
+        "selected": [],
+        "gap": {"by_location": {"drive": 0.3, "not known": 0.7}, "after": 2.5},
+    }
+    said = answer_of(diagnosis)
+    assert (said.place, said.left) == ("not known", 2.5)
+
+
+def test_several_are_judged_like_pairs() -> None:
+    two = answer({"clearance": 1.0}, selected=("clearance", "contact_damping"))
+    assert metrics.selected_f1([case("triple", two, CLEARANCE, DAMPING, GAIN)]) == pytest.approx(4 / 5)
+
+
 def test_error_and_coverage_of_the_main_parameter() -> None:
     said = answer({"clearance": 0.9, "none": 0.1}, parameters={"scale": Estimate(1.65, (1.4, 1.7))})
     hidden = case("single", said, CLEARANCE)
@@ -134,12 +165,12 @@ def test_f1_counts_over_all_pairs_together() -> None:
     one = answer({"clearance": 1.0}, selected=("clearance", "shaker_mass", "structural_damping"))
     none = answer({"none": 1.0})
     cases = [case("pair", said, CLEARANCE, DAMPING) for said in (both, one, none)]
-    assert metrics.pairs_f1(cases) == pytest.approx(2 * 3 / (5 + 6))
+    assert metrics.selected_f1(cases) == pytest.approx(2 * 3 / (5 + 6))
     assert [metrics.exact_set(each) for each in cases] == [1, 0, 0]
 
 
 def test_auroc_is_the_share_of_pairs_in_the_right_order() -> None:
-    outside = [case("outside", answer({"unknown": p, "none": 1 - p}), OUTSIDER) for p in (0.9, 0.3)]
+    outside = [case("strong", answer({"unknown": p, "none": 1 - p}), OUTSIDER) for p in (0.9, 0.3)]
     others = [case("none", answer({"unknown": p, "none": 1 - p})) for p in (0.1, 0.3, 0.5)]
     # 0.9 is above all three; 0.3 above one, level with one.
     assert metrics.auroc([*outside, *others]) == pytest.approx((3 + 1 + 0.5) / 6)
@@ -165,6 +196,14 @@ def test_settings_show_an_effect_where_there_is_a_gap_that_it_closes() -> None:
     assert not Gaps(2.0, 1.95).visible
 
 
+def test_settings_show_something_unknown_where_there_is_a_gap() -> None:
+    # no twin has it: the true effects close nothing
+    assert case("mild", SAYS_NONE, OUTSIDER, gaps=Gaps(1.3, 1.3)).visible
+    hidden = case("mild", SAYS_NONE, OUTSIDER, gaps=Gaps(1.0, 1.0))
+    assert not hidden.visible
+    assert metrics.confidence(hidden) == (0.6, 1.0)
+
+
 def test_wilson_interval_of_a_published_example() -> None:
     # Newcombe 1998 (10.1002/(SICI)1097-0258(19980430)17:8<857), table I, method 3: 81 of 263, 0 of 20.
     assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
@@ -184,7 +223,7 @@ def test_the_oracle_is_right_and_chance_is_chance() -> None:
     cases = [
         case("single", WRONG, CLEARANCE, gaps=gaps),
         case("none", RIGHT),
-        case("outside", RIGHT, OUTSIDER),
+        case("strong", RIGHT, OUTSIDER),
     ]
     oracle = BASELINES["oracle"](cases)
     assert [metrics.first_right(each) for each in oracle] == [1, 1, 1]
@@ -214,6 +253,11 @@ def test_best_residual_takes_the_largest_shrink_or_none() -> None:
     low = answer({"clearance": 1.0}, shrinks={"clearance": 0.05})
     first, second = BASELINES["best residual"]([case("single", said, DAMPING), case("none", low)])
     assert metrics.first_right(first) == metrics.first_right(second) == 1
+    wired = Ranked("sensor_factor", "sensor", 0.0, 0.9)
+    (third,) = BASELINES["best residual"](
+        [case("single", replace(said, effects=(*said.effects, wired)), DAMPING)]
+    )
+    assert metrics.first_right(third) == 1
 
 
 def test_a_diagnosis_whose_probabilities_do_not_add_up_is_refused() -> None:

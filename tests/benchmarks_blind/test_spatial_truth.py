@@ -19,12 +19,12 @@ from benchmarks.blind.crank.rig import Ripple
 from benchmarks.blind.gap.distance import Floor, Table
 from benchmarks.blind.gap.twin import ensemble, read_features
 from benchmarks.blind.logs import write_log
-from benchmarks.blind.operating_points import PointOfRun, scenario_text, spatial_points
+from benchmarks.blind.operating_points import PointOfRun, points, scenario_text
 from benchmarks.blind.recording import Recording
 from benchmarks.blind.spatial import engine
 from benchmarks.blind.spatial.effects import CATALOGUE, CHAIN_EFFECTS
 from benchmarks.blind.spatial.mechanism import Motion, moved, numbers, started, state
-from benchmarks.blind.spatial.outside import CROSS_TALK, FAULTS, MECHANICAL, MILD, OUTSIDE, STRONG
+from benchmarks.blind.spatial.outside import CROSS_TALK, FAULTS, MECHANICAL, MILD, PAGES, STRONG
 from benchmarks.blind.spatial.record import real_rig, record, steps
 from benchmarks.blind.spatial.rig import FORCES, MARKER, TACHOMETER, Base, Contact, Friction, Spatial
 from benchmarks.blind.spatial.rod import Rod, bending
@@ -330,9 +330,11 @@ def test_steps_follow_what_is_fast() -> None:
 
 
 def test_every_effect_is_somewhere() -> None:
-    outside = {one.name for one in OUTSIDE}
-    assert outside == {*MECHANICAL, *FAULTS, CROSS_TALK}
-    assert outside == {one.name for one in MILD} == {one.name for one in STRONG}
+    outside = {one.name for one in STRONG}
+    pages = {one.name for every in PAGES.values() for one in every}
+    assert outside | pages == {*MECHANICAL, *FAULTS, CROSS_TALK}
+    assert outside == {one.name for one in MILD}
+    assert not outside & pages
     assert not outside & {*CATALOGUE, *CHAIN_EFFECTS}
 
 
@@ -355,9 +357,9 @@ def test_steps_too_long_are_told() -> None:
 @pytest.mark.timeout(600)
 def test_whatever_is_drawn_moves() -> None:
     rng = np.random.default_rng(11)
-    kinds = [*CATALOGUES[SPATIAL].values(), *OUTSIDE]
+    kinds = [*CATALOGUES[SPATIAL].values(), *MILD, *STRONG]
     for number, (first, second) in enumerate(rng.permutation(len(kinds)).reshape(-1, 2)):
-        (point,) = spatial_points(1, rng)
+        (point,) = points(SPATIAL, 1, rng)
         drawn = [kinds[first].draw(rng), kinds[second].draw(rng)]
         run = record({**point, "settle": 0.1, "duration": 0.15}, drawn, number, 1)
         assert all(np.isfinite(samples).all() for samples in run.channels.values()), drawn

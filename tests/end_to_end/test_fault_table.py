@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.soak, pytest.mark.timeout(400)]
 DEADLINE_S = 300.0
 SHAFT = {f"daq_card.{kind}" for kind in ("rolls_over", "marks_missing", "marks_doubled", "marks_late")}
 """Of the card, but of what only a crank has on it."""
-COMES_S = {"daq_card": 3.0, "signal_generator": 2.0, "disk": 0.0}
+COMES_S = {"daq_card": 3.0, "signal_generator": 2.0, "disk": 0.5}
 """After the first use of an instrument, within the record of a beam."""
 ON_A_CRANK_S, ON_A_SUPPLY_S = 4.5, 13.0
 """Up to speed, and trimmed: what is turned on a supply before that is set anew by the next trim."""
@@ -43,7 +43,8 @@ def played(fault: Rehearsed, folder: Path) -> tuple[Path, Path]:
         bench += '[emergency_stop]\nline = "cDAQ1Mod4/port0/line0"\n'
     (folder / "bench.toml").write_text(f'{bench}[emulation]\nseed = 7\nfaults = ["{text}"]\n')
     file = folder / "scenario.toml"
-    scenario = write_crank(file, "planar_slider_crank", 4.0) if crank else write_scenario(file, 1.0, 3.0)
+    seconds = 12.0 if fault.table == "dc_supply" else 4.0  # it comes up slowly, and trims
+    scenario = write_crank(file, "planar_slider_crank", seconds) if crank else write_scenario(file, 1.0, 3.0)
     return scenario, folder / "bench.toml"
 
 

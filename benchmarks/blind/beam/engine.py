@@ -71,6 +71,8 @@ class _System:
         lower = self._connector((yoke, tip), lambda t, u, v: -_force(self.sym, rig.lower, t, -u, -v))
         if rig.cubic:
             self._connector((ground, tip), lambda t, u, v: rig.cubic * u * u * u)
+        if rig.drag:
+            self._connector((ground, tip), lambda t, u, v: rig.drag * v)
         if rig.pivot_torque:
             self._friction((ground, self._marker(beam, PIN)))
         sensors = {"upper": self._sensor(upper), "lower": self._sensor(lower)}

@@ -15,12 +15,12 @@ from benchmarks.blind.beam import effects as catalogue
 from benchmarks.blind.beam import outside
 from benchmarks.blind.beam.channels import UNITS, chains, fine_channels
 from benchmarks.blind.beam.engine import EVERY, STEP, simulate
-from benchmarks.blind.beam.outside import OUTSIDE
+from benchmarks.blind.beam.outside import MILD, PAGES, STRONG
 from benchmarks.blind.beam.rig import Rig, jittered, nominal, set_up
 from benchmarks.blind.recording import Recording
 from benchmarks.blind.sensing import sensed
 
-__all__ = ["OUTSIDE", "record"]
+__all__ = ["MILD", "PAGES", "STRONG", "record"]
 
 _CHANGES = {**catalogue.CHANGES, **outside.CHANGES}
 _CHANNEL_EFFECTS = {*catalogue.SENSOR_EFFECTS, *outside.FAULTS}
@@ -40,9 +40,9 @@ def record(
 
     `scenario`: beam (steel, aluminium), clearance in m, frequency in Hz, amplitude in N, sample_rate in Hz,
     settle and duration in s. `effects`: name and parameters of each, as in an effects file, or drawn from
-    `OUTSIDE`. `built` has the last word on the rig, whose tolerances are so many times `wider`. Raises
-    ValueError for an effect that it does not know, for one of the pivot on the clamped beam, and for a sample
-    rate that is no whole part of 204.8 kHz.
+    `MILD`, `STRONG` or `PAGES`. `built` has the last word on the rig, whose tolerances are so many times
+    `wider`. Raises ValueError for an effect that it does not know, for one of the pivot on the clamped beam,
+    and for a sample rate that is no whole part of 204.8 kHz.
     """
     rig_rng, run_rng = np.random.default_rng([rig_seed, 0]), np.random.default_rng([rig_seed, 1, run_seed])
     rig = _with(set_up(built(jittered(nominal(scenario), rig_rng, wider)), run_rng), effects)

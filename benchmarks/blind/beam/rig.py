@@ -53,8 +53,8 @@ class Tone:
 class Rig:
     """One rig in one run. `leak`: m/s2 of base acceleration for each N; `head`: Hz of the impedance head.
 
-    For effects from outside: `second_head` (Hz, share), `cross_talk` (share), `cubic` (N/m3 at the tip),
-    `foreign` (a force at the drive point that is not the drive's).
+    For effects from outside: `second_head` (Hz, share), `cross_talk` (share), `cubic` (N/m3) and `drag`
+    (N s/m) at the tip, `foreign` (a force at the drive point that is not the drive's).
     `start`: deflection of the tip at the start, m.
     """
 
@@ -69,6 +69,7 @@ class Rig:
     pivot_torque: float = 0.0
     foreign: tuple[Tone, ...] = ()
     cubic: float = 0.0
+    drag: float = 0.0
     cross_talk: float = 0.0
     second_head: tuple[float, float] | None = None
 

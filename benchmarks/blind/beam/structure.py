@@ -20,7 +20,8 @@ FASTEST = 2 * np.pi * 40e3
 class Beam:
     """A beam and what hangs on it; SI. At x = 0 it is clamped, or pinned (`pivot_stiffness` None), or sprung.
 
-    `drive_at` is a fraction of the length. Mass and stiffness of the shaker sit there.
+    `drive_at` is a fraction of the length. Mass and stiffness of the shaker sit there. `detuned`: a factor
+    for the frequency of each mode.
     """
 
     length: float
@@ -37,6 +38,7 @@ class Beam:
     shaker_damping: float = 0.0
     tip_mass: float = 0.0
     damping: tuple[float, ...] = (0.01,) * MODES
+    detuned: tuple[float, ...] = (1.0,) * MODES
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +107,8 @@ def _modes(beam: Beam) -> tuple[Array, Array, Array]:
     inverse, shapes = eigh(M, K, subset_by_index=(len(free) - MODES, len(free) - 1))
     omega = 1 / np.sqrt(inverse[::-1])
     watched = np.array([np.eye(size)[-2], drive] + ([] if beam.clamped else [np.eye(size)[1]]))
-    return omega, shapes[:, ::-1] * omega, watched[:, free]
+    # The shapes are of modal mass 1 and stay.
+    return omega * beam.detuned, shapes[:, ::-1] * omega, watched[:, free]
 
 
 def _assembled(beam: Beam) -> tuple[Array, Array]:

@@ -172,23 +172,33 @@ def _guide(parts: Parts, crank: Crank, piston: int, node: int) -> None:
 def _joint(parts: Parts, crank: Crank, which: int, journal: int, rod: Any) -> list[int]:
     """Return the sensors whose forces add up to the joint's."""
     end, oval = (-1, 1)[which] * crank.rod_length / 2, crank.ovality[which]
+    frictions = _frictions(crank)
     connectors = [
         parts.contact(
             journal,
             rod(end + shift),
             (JOURNAL_RADIUS, JOURNAL_RADIUS + crank.clearances[which]),
             isHollowSphere1=True,
-            dynamicFriction=crank.friction,
-            frictionProportionalZone=FRICTION_RAMP,
-            contactStiffness=crank.contact_stiffnesses[which],
-            contactStiffnessExponent=1.5,
+            dynamicFriction=friction,
+            frictionProportionalZone=ramp,
+            contactStiffness=crank.joint_stiffness(which) / len(frictions),
+            contactStiffnessExponent=crank.exponent,
             # Exudyn's factor 3 (1 - e)/2 (Hunt and Crossley) is made the rig's 3 (1 - e^2)/4.
             restitutionCoefficient=1 - (1 - crank.restitution**2) / 2,
             minimumImpactVelocity=APPROACH_FLOOR,
             impactModel=1,
         )
         for shift in ((-oval, oval) if oval else (0.0,))
+        for friction, ramp in frictions
     ]
     if crank.film:
         connectors.append(parts.damper(journal, rod(end), crank.film))
     return [parts.watch_force(connector) for connector in connectors]
+
+
+def _frictions(crank: Crank) -> list[tuple[float, float]]:
+    """Coefficients and the speeds (m/s) at which they are whole, of as many contacts that share the force."""
+    more, fading = crank.stribeck
+    if not more:
+        return [(crank.friction, FRICTION_RAMP)]
+    return [(2 * crank.friction * (1 + more), FRICTION_RAMP), (-2 * crank.friction * more, fading)]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy import signal
@@ -13,109 +13,109 @@ from benchmarks.blind.changes import Values
 from benchmarks.blind.crank.effects import Change
 from benchmarks.blind.crank.parts import Array
 from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y, Crank, Ripple
-from benchmarks.blind.sensing import Fault
+from benchmarks.blind.outsiders import ANY_PHASE, FAULTS, Outside, either_way, of_channels, outside
+from benchmarks.blind.pages import EXPONENT, MODES_OFF, STRIBECK, detuned, wrong_values
 
+__all__ = ["FAULTS", "MECHANICAL", "MILD", "ON_THE_WAY", "PAGES", "STRONG"]
 ACCELERATIONS = (CRANK_Y, CRANK_X, PISTON_Y)
+_ACROSS = (CRANK_Y, PISTON_Y)
 _TOWARDS = {CRANK_Y: CRANK_X, CRANK_X: CRANK_Y, PISTON_Y: CRANK_X}
-Draw: TypeAlias = Callable[[np.random.Generator], dict[str, Any]]
+_ONE_OF_TWO = ((1.0, 1.0), (2.0, 2.0))
+_JOINTS = ("joint 1", "joint 2")
 OnTheWay: TypeAlias = Callable[[dict[str, Array], float, Values, np.random.Generator], dict[str, Array]]
 
-
-@dataclass(frozen=True, slots=True)
-class Outside:
-    """An effect outside the catalogue."""
-
-    name: str
-    parameters: Draw
-
-    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        """One case of it, as an effects file would have it."""
-        return {"name": self.name, "parameters": self.parameters(rng)}
-
-
-def _between(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _off_one(rng: np.random.Generator, least: float, most: float) -> float:
-    return float(1 + rng.choice((-1, 1)) * rng.uniform(least, most))
-
-
-def _channel(rng: np.random.Generator) -> str:
-    return str(rng.choice(ACCELERATIONS))
-
-
-OUTSIDE = (
-    Outside("rod_mass", lambda rng: {"scale": _off_one(rng, 0.35, 0.6)}),
-    Outside("crank_length", lambda rng: {"scale": _off_one(rng, 0.15, 0.3)}),
-    Outside(
-        "oval_bearing",
-        lambda rng: {"joint": int(rng.integers(1, 3)), "fraction": float(rng.uniform(0.4, 0.8))},
+STRONG = (
+    outside("rod_mass", "rod", scale=either_way(0.35, 0.6)),
+    outside("crank_length", "drive", also=("joint 1",), scale=either_way(0.15, 0.3)),
+    outside("oval_bearing", "joints", also=_JOINTS, joint=_ONE_OF_TWO, fraction=(0.4, 0.8)),
+    outside("guide_offset", "guide", also=("piston",), offset_m=((-0.22, -0.12), (0.12, 0.22))),
+    outside("air_spring", "piston", also=("guide",), stiffness_n_per_m=(1e3, 8e3)),
+    outside("piston_drag", "piston", also=("guide",), damping_ns_per_m=(30.0, 200.0)),
+    outside("oil_film", "joints", also=_JOINTS, damping_ns_per_m=(100.0, 1000.0)),
+    outside("softer_law", "joints", also=_JOINTS, exponent=(1.05, 1.15)),
+    outside("belt_ripple", "drive", amplitude=(0.03, 0.06), order=(6.2, 11.8), phase_rad=ANY_PHASE),
+    outside("cross_axis", "sensor", _ACROSS, also=("frame",), fraction=(0.3, 0.7)),
+    outside(
+        "loose_mount", "sensor", ACCELERATIONS, ("frame",),
+        frequency_hz=(900.0, 5000.0), damping_ratio=(0.02, 0.08),
     ),
-    Outside("guide_offset", lambda rng: {"offset_m": float(rng.choice((-1, 1)) * rng.uniform(0.12, 0.22))}),
-    Outside("air_spring", lambda rng: {"stiffness_n_per_m": _between(rng, 1e3, 8e3)}),
-    Outside("piston_drag", lambda rng: {"damping_ns_per_m": _between(rng, 30.0, 200.0)}),
-    Outside("oil_film", lambda rng: {"damping_ns_per_m": _between(rng, 100.0, 1000.0)}),
-    Outside(
-        "belt_ripple",
-        lambda rng: {
-            "amplitude": float(rng.uniform(0.03, 0.06)),
-            "order": float(rng.uniform(6.2, 11.8)),
-            "phase_rad": float(rng.uniform(0, 2 * np.pi)),
-        },
+    outside(
+        "neighbour_machine", "frame", also=("sensor",),
+        frequency_hz=(40.0, 700.0), amplitude_m_per_s2=(8.0, 30.0),
     ),
-    Outside(
-        "cross_axis",
-        lambda rng: {
-            "channel": str(rng.choice((CRANK_Y, PISTON_Y))),
-            "fraction": float(rng.uniform(0.3, 0.7)),
-        },
+    *of_channels(ACCELERATIONS, True, (4.0, 20.0), None),
+)  # fmt: skip
+MILD = (
+    outside("rod_mass", "rod", scale=either_way(0.08, 0.2)),
+    outside("crank_length", "drive", also=("joint 1",), scale=either_way(0.03, 0.07)),
+    outside("oval_bearing", "joints", also=_JOINTS, joint=_ONE_OF_TWO, fraction=(0.1, 0.25)),
+    outside("guide_offset", "guide", also=("piston",), offset_m=((-0.05, -0.02), (0.02, 0.05))),
+    outside("air_spring", "piston", also=("guide",), stiffness_n_per_m=(150.0, 500.0)),
+    outside("piston_drag", "piston", also=("guide",), damping_ns_per_m=(4.0, 15.0)),
+    outside("oil_film", "joints", also=_JOINTS, damping_ns_per_m=(10.0, 50.0)),
+    outside("softer_law", "joints", also=_JOINTS, exponent=(1.25, 1.35)),
+    outside("belt_ripple", "drive", amplitude=(0.005, 0.015), order=(6.2, 11.8), phase_rad=ANY_PHASE),
+    outside("cross_axis", "sensor", _ACROSS, also=("frame",), fraction=(0.06, 0.15)),
+    outside(
+        "loose_mount", "sensor", ACCELERATIONS, ("frame",),
+        frequency_hz=(5000.0, 9000.0), damping_ratio=(0.02, 0.08),
     ),
-    Outside(
-        "loose_mount",
-        lambda rng: {
-            "channel": _channel(rng),
-            "frequency_hz": _between(rng, 900.0, 5000.0),
-            "damping_ratio": float(rng.uniform(0.02, 0.08)),
-        },
+    outside(
+        "neighbour_machine", "frame", also=("sensor",),
+        frequency_hz=(40.0, 700.0), amplitude_m_per_s2=(1.5, 5.0),
     ),
-    Outside(
-        "neighbour_machine",
-        lambda rng: {
-            "frequency_hz": _between(rng, 40.0, 700.0),
-            "amplitude_m_per_s2": _between(rng, 8.0, 30.0),
-        },
-    ),
-    Outside(
-        "mains_hum", lambda rng: {"channel": _channel(rng), "amplitude_m_per_s2": _between(rng, 4.0, 20.0)}
-    ),
-    Outside("clipping", lambda rng: {"channel": _channel(rng), "limit_m_per_s2": _between(rng, 8.0, 30.0)}),
-    Outside(
-        "dropouts",
-        lambda rng: {
-            "channel": _channel(rng),
-            "per_second": float(rng.uniform(1.0, 6.0)),
-            "seconds": _between(rng, 0.01, 0.05),
-        },
-    ),
-)
+    *of_channels(ACCELERATIONS, False, (0.8, 3.0), None),
+)  # fmt: skip
 
 
 def _oval(crank: Crank, values: Values) -> Crank:
-    moved = [0.0, 0.0]
-    moved[values["joint"] - 1] = values["fraction"] * crank.clearances[values["joint"] - 1]
+    moved, joint = [0.0, 0.0], int(values["joint"]) - 1
+    moved[joint] = values["fraction"] * crank.clearances[joint]
     return replace(crank, ovality=(moved[0], moved[1]))
 
 
+def _detuned(crank: Crank, values: Values) -> Crank:
+    factors = detuned(values, len(crank.frames))
+    frames = {
+        name: replace(mode, frequency=mode.frequency * factor)
+        for (name, mode), factor in zip(crank.frames.items(), factors, strict=True)
+    }
+    return replace(crank, frames=frames)
+
+
+def _scaled(field: str) -> Change:
+    return lambda crank, values: replace(crank, **{field: getattr(crank, field) * values["scale"]})
+
+
+_VALUES: Mapping[str, tuple[float, float, Change]] = {
+    "crank_length": (0.015, 0.04, _scaled("crank_length")),
+    "rod_length": (0.015, 0.04, _scaled("rod_length")),
+    "rod_mass": (0.04, 0.12, _scaled("rod_mass")),
+    "gravity": (0.03, 0.1, _scaled("gravity")),
+}
+"""Keys of [model]: by how much somebody may have them wrong, of one, and what that is in the rig."""
+
+PAGES: Mapping[str, Sequence[Outside]] = {
+    "exponent": (EXPONENT,),
+    "modes": (MODES_OFF,),
+    "friction": (STRIBECK,),
+    "value": wrong_values(_VALUES),
+}
+
 MECHANICAL: dict[str, Change] = {
-    "rod_mass": lambda crank, v: replace(crank, rod_mass=crank.rod_mass * v["scale"]),
-    "crank_length": lambda crank, v: replace(crank, crank_length=crank.crank_length * v["scale"]),
+    "rod_mass": _scaled("rod_mass"),
+    "crank_length": _scaled("crank_length"),
     "oval_bearing": _oval,
     "guide_offset": lambda crank, v: replace(crank, guide_offset=v["offset_m"]),
     "air_spring": lambda crank, v: replace(crank, air_spring=v["stiffness_n_per_m"]),
     "piston_drag": lambda crank, v: replace(crank, drag=v["damping_ns_per_m"]),
+    "softer_law": lambda crank, v: replace(crank, exponent=v["exponent"]),
     "oil_film": lambda crank, v: replace(crank, film=v["damping_ns_per_m"]),
     "belt_ripple": lambda crank, v: replace(crank, ripple=Ripple(v["amplitude"], v["order"], v["phase_rad"])),
+    EXPONENT.name: lambda crank, v: replace(crank, exponent=v["exponent"]),
+    MODES_OFF.name: _detuned,
+    STRIBECK.name: lambda crank, v: replace(crank, stribeck=(v["more"], v["fading_m_per_s"])),
+    **{f"wrong_{key}": change for key, (_, _, change) in _VALUES.items()},
 }
 
 
@@ -153,29 +153,3 @@ ON_THE_WAY: dict[str, OnTheWay] = {
     "loose_mount": _loose_mount,
     "neighbour_machine": _neighbour,
 }
-
-
-def _hum(values: Values) -> Fault:
-    def fault(x: Array, rate: float, rng: np.random.Generator) -> Array:
-        mains = 2 * np.pi * 50.0 * np.arange(len(x)) / rate + rng.uniform(0, 2 * np.pi)
-        return np.asarray(x + values["amplitude_m_per_s2"] * (np.sin(mains) + 0.3 * np.sin(3 * mains)))
-
-    return fault
-
-
-def _clip(values: Values) -> Fault:
-    limit = values["limit_m_per_s2"]
-    return lambda x, rate, rng: np.asarray(np.clip(x, -limit, limit))
-
-
-def _drop(values: Values) -> Fault:
-    def fault(x: Array, rate: float, rng: np.random.Generator) -> Array:
-        kept, length = x.copy(), round(values["seconds"] * rate)
-        for start in rng.integers(0, len(x), rng.poisson(values["per_second"] * len(x) / rate)):
-            kept[start : start + length] = 0.0
-        return np.asarray(kept)
-
-    return fault
-
-
-FAULTS: dict[str, Callable[[Values], Fault]] = {"mains_hum": _hum, "clipping": _clip, "dropouts": _drop}

@@ -26,6 +26,8 @@ def load_exudyn() -> Any:
         exudyn = import_module("exudyn")
         import_module("exudyn.advancedUtilities")
     exudyn.config.printToConsole = False
+    # A friction that falls with speed is one that is always there less one that sets in slowly.
+    exudyn.special.exceptions.parameterRangeChecks = False
     return exudyn
 
 

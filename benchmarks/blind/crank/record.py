@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,13 +16,14 @@ from benchmarks.blind.changes import Effects, changed, refuse_unknown
 from benchmarks.blind.crank.effects import CATALOGUE, CHAIN_EFFECTS
 from benchmarks.blind.crank.frame import accelerations
 from benchmarks.blind.crank.mechanism import moved
-from benchmarks.blind.crank.outside import ACCELERATIONS, FAULTS, MECHANICAL, ON_THE_WAY, OUTSIDE
+from benchmarks.blind.crank.outside import ACCELERATIONS, FAULTS, MECHANICAL, MILD, ON_THE_WAY, PAGES, STRONG
 from benchmarks.blind.crank.parts import Array
 from benchmarks.blind.crank.rig import Crank, set_anew, toleranced
+from benchmarks.blind.outsiders import faulted
 from benchmarks.blind.recording import Recording
 from benchmarks.blind.sensing import Chain, altered, healthy, sensed
 
-__all__ = ["OUTSIDE", "record"]
+__all__ = ["MILD", "PAGES", "STRONG", "record"]
 Built: TypeAlias = Callable[[Crank], Crank]
 ANGLE, MARKER = "crank.angle", "crank.marker"
 UNITS = {**dict.fromkeys(ACCELERATIONS, "m/s2"), ANGLE: "rad", MARKER: "V"}
@@ -48,11 +48,11 @@ def record(
     """Return one run.
 
     `scenario`: speed in rad/s, clearance_1 and clearance_2 in m, sample_rate in Hz, settle and duration in s.
-    `effects` as in an effects file, of the catalogue or of OUTSIDE. `rig_seed` draws what belongs to the rig,
-    both seeds together what is set anew for each run. `built` has the last word on the rig, whose tolerances
-    are so many times `wider`. An effect that nobody knows: ValueError.
+    `effects` as in an effects file, of the catalogue, of MILD, STRONG or PAGES. `rig_seed` draws what belongs
+    to the rig, both seeds together what is set anew for each run. `built` has the last word on the rig, whose
+    tolerances are so many times `wider`. An effect that nobody knows: ValueError.
     """
-    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *(effect.name for effect in OUTSIDE)))
+    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *MECHANICAL, *ON_THE_WAY, *FAULTS))
     rig, run = np.random.default_rng([rig_seed, 1]), np.random.default_rng([rig_seed, run_seed, 2])
     crank = real_rig(scenario, effects, rig, run, built, wider)
     chains = _chains(effects, rig, wider)
@@ -105,17 +105,7 @@ def encoded(angle: Array) -> Array:
 def _chains(effects: Effects, rng: np.random.Generator, wider: float) -> dict[str, Chain]:
     chains = {name: healthy(rng, _NOISE, _RANGE, wider * _GAIN) for name in ACCELERATIONS}
     chains[MARKER] = healthy(rng, _MARKER_NOISE, _MARKER_RANGE, wider * _GAIN)
-    return {
-        name: replace(
-            altered(chain, name, effects),
-            faults=tuple(
-                FAULTS[effect["name"]](effect["parameters"])
-                for effect in effects
-                if effect["name"] in FAULTS and effect["parameters"]["channel"] == name
-            ),
-        )
-        for name, chain in chains.items()
-    }
+    return {name: faulted(altered(chain, name, effects), name, effects) for name, chain in chains.items()}
 
 
 SPEED_CASES: dict[str, Effects] = {

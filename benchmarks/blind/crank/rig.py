@@ -11,6 +11,7 @@ YOUNG, POISSON = 207e9, 0.3
 JOURNAL_RADIUS = 0.010
 ROD_INERTIA, ROD_MASS, ROD_LENGTH = 9.45e-2, 1.6403, 0.564
 FRAME_MASS = 30.0
+_TYPICAL_DEPTH = 5e-6
 CRANK_X, CRANK_Y = "crank_frame.acceleration_x", "crank_frame.acceleration_y"
 PISTON_Y = "piston_frame.acceleration_y"
 Pair: TypeAlias = tuple[float, float]
@@ -42,9 +43,11 @@ class Crank:
     """SI units; pairs are crank pin and piston pin. The last group is what no catalogue holds.
 
     `bending` is the rod's first mode on its chord; `ovality` (m) how far the two halves of a lemon-bore
-    bearing are moved towards each other; `film` (N s/m) an oil film's damping between journal and bearing;
-    `guide_offset` how far the slider's axis passes beside the crank's; `air_spring` (N/m about mid stroke)
-    and `drag` (N s/m) act on the piston.
+    bearing are moved towards each other; `exponent` of the contacts, as strong as the nominal one at 5 um;
+    `stribeck` (share, m/s): so much more friction in the joints at rest, gone in a straight line at that
+    speed; `film` (N s/m) an oil film's damping between journal and bearing; `guide_offset` how far the
+    slider's axis passes beside the crank's; `air_spring` (N/m about mid stroke) and `drag` (N s/m) act on the
+    piston.
     """
 
     speed: float
@@ -64,6 +67,8 @@ class Crank:
     frames: dict[str, Mode] = field(default_factory=_frames)
 
     ovality: Pair = (0.0, 0.0)
+    exponent: float = 1.5
+    stribeck: Pair = (0.0, 0.0)
     film: float = 0.0
     guide_offset: float = 0.0
     air_spring: float = 0.0
@@ -82,6 +87,10 @@ class Crank:
             for scale, c in zip(self.stiffness_scales, self.clearances, strict=True)
         )
         return first, second
+
+    def joint_stiffness(self, which: int) -> float:
+        """Of the first or second joint, N/m^exponent."""
+        return float(self.contact_stiffnesses[which] * _TYPICAL_DEPTH ** (1.5 - self.exponent))
 
 
 def hertz_stiffness(clearance: float) -> float:

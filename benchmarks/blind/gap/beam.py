@@ -9,7 +9,8 @@ import numpy as np
 
 from benchmarks.blind.gap.cycles import Features, Samples, contacts, lag, levels, orders
 
-_FORCES = ("contact.force_upper", "contact.force_lower", "yoke.force")
+_CONTACTS, _YOKE = ("contact.force_upper", "contact.force_lower"), "yoke.force"
+_FORCES = (*_CONTACTS, _YOKE)
 _LOWEST_HZ = 100.0
 _TOUCHING_N = 1.0
 """Twenty times the noise."""
@@ -21,9 +22,15 @@ _MOST_CROSSTALK = 1e-3
 def beam_features(
     channels: Mapping[str, Samples], rate: float, frequency: float
 ) -> list[dict[str, Features]]:
-    """For each whole cycle, groups of features; `frequency` is the drive's nominal one, Hz."""
+    """For each whole cycle, groups of features of what was recorded; `frequency` is the nominal one, Hz.
+
+    The base tells nothing where a contact's force, whose cross talk it has, was not recorded.
+    """
     phase = drive_phase(channels["drive.force"], rate, frequency)
-    channels = {**channels, _BASE: without_crosstalk(channels)}
+    if _BASE in channels:
+        rest = {name: values for name, values in channels.items() if name != _BASE}
+        both = {*_CONTACTS} <= channels.keys()
+        channels = {**rest, _BASE: without_crosstalk(channels)} if both else rest
     return [_cycle(channels, cut, phase[cut], rate) for cut in whole_cycles(phase)]
 
 
@@ -62,8 +69,12 @@ def _cycle(channels: Mapping[str, Samples], cut: slice, phase: Samples, rate: fl
         name: {**levels(values[cut], rate, _LOWEST_HZ), **orders(values[cut], phase, (1, 2, 3))}
         for name, values in channels.items()
     }
-    upper, lower, yoke = (channels[name][cut] for name in _FORCES)
-    for name, force in zip(_FORCES, (upper, lower, yoke), strict=True):
+    forces = {name: channels[name][cut] for name in _FORCES if name in channels}
+    for name, force in forces.items():
         found[name] |= contacts(force, _TOUCHING_N)
-    found["timing"] = {"upper to yoke": lag(upper, yoke, rate), "lower to yoke": lag(lower, -yoke, rate)}
+    found["timing"] = {
+        f"{name} to yoke": lag(forces[name], sign * forces[_YOKE], rate)
+        for name, sign in zip(_CONTACTS, (1, -1), strict=True)
+        if {name, _YOKE} <= forces.keys()
+    }
     return found

@@ -16,12 +16,17 @@ _LOWEST_HZ = 50.0
 _TOUCHING_N = 1.0
 """Twenty times the noise."""
 _ORDERS = (1, 2, 3, 4)
-_PAIRS = (("socket", 3), ("socket", 7), (3, 7), (1, 5))
+_PAIRS = (
+    ("socket.force", "slider.force_3"),
+    ("socket.force", "slider.force_7"),
+    ("slider.force_3", "slider.force_7"),
+    ("slider.force_1", "slider.force_5"),
+)
 """Of which the second is struck with the first, or soon after."""
 
 
 def spatial_features(channels: Mapping[str, Samples], rate: float, _: float) -> list[dict[str, Features]]:
-    """For each whole revolution, groups of features."""
+    """For each whole revolution, groups of features of what was recorded."""
     return [_turn(channels, cut, rate) for cut in marked_turns(channels[_MARKER])]
 
 
@@ -43,22 +48,24 @@ def _turn(channels: Mapping[str, Samples], cut: slice, rate: float) -> dict[str,
             "mean": float(channels[name][cut].mean()),
         }
         for name in FORCES
+        if name in channels
     }
-    speed = channels[_TACHOMETER][cut]
-    found[_TACHOMETER] = {"mean": float(speed.mean()), **orders(speed, phase, _ORDERS)}
+    if _TACHOMETER in channels:
+        speed = channels[_TACHOMETER][cut]
+        found[_TACHOMETER] = {"mean": float(speed.mean()), **orders(speed, phase, _ORDERS)}
     high = channels[_MARKER][cut] > _HIGH_V
     # a sample more or less is no gap
     edge = float(np.random.default_rng(cut.start).uniform(-1, 1))
     found[_MARKER] = {"high": (float(high.sum()) + edge) / length, "speed": rate / (length + edge)}
     found["timing"] = {
-        f"{one} to {other}": lag(_edges(channels, one, cut), _edges(channels, other, cut), rate)
+        f"{one} to {other}": lag(_edges(channels[one][cut]), _edges(channels[other][cut]), rate)
         for one, other in _PAIRS
+        if {one, other} <= channels.keys()
     }
     return found
 
 
-def _edges(channels: Mapping[str, Samples], contact: str | int, cut: slice) -> Samples:
+def _edges(force: Samples) -> Samples:
     """Where impacts begin."""
-    name = "socket.force" if contact == "socket" else f"slider.force_{contact}"
-    steep: Samples = np.diff(channels[name][cut]) ** 2
+    steep: Samples = np.diff(force) ** 2
     return steep

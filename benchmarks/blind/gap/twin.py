@@ -33,12 +33,20 @@ def scenario_of(log: Path) -> Scenario:
         return parse_scenario(reader.scenario, str(log))
 
 
-def read_features(log: Path, scenario: Scenario, origin: Origin) -> tuple[Table, list[int]]:
-    """Features of every whole cycle of a log, and the group of each."""
+def recorded_channels(log: Path) -> list[str]:
+    """Names of the channels that were recorded."""
     with LogReader(log) as reader:
-        blocks = reader.table(origin)
+        return list(reader.table("measured"))
+
+
+def read_features(
+    log: Path, scenario: Scenario, origin: Origin, names: Sequence[str]
+) -> tuple[Table, list[int]]:
+    """Features of every whole cycle of these channels of a log, and the group of each."""
+    with LogReader(log) as reader:
+        blocks = reader.table(origin, names)
     channels: dict[str, Samples] = {
-        name: np.nan_to_num(block.values.astype(np.float64)) for name, block in blocks.items()
+        name: np.nan_to_num(blocks[name].values.astype(np.float64)) for name in names
     }
     rate = next(iter(blocks.values())).sample_rate
     cycles = _FEATURES[scenario.rig](channels, rate, getattr(scenario.drive, "frequency", 0.0))
@@ -49,8 +57,13 @@ def read_features(log: Path, scenario: Scenario, origin: Origin) -> tuple[Table,
     return np.array(table), groups
 
 
-def ensemble(scenario: Scenario, effects: Sequence[dict[str, Any]], seeds: Sequence[int]) -> list[Table]:
-    """Features of healthy twins with `effects` in; raises ConfigurationError for what the rig cannot have."""
+def ensemble(
+    scenario: Scenario, effects: Sequence[dict[str, Any]], seeds: Sequence[int], names: Sequence[str]
+) -> list[Table]:
+    """Features of healthy twins with `effects` in, of the channels `names`.
+
+    Raises ConfigurationError for what the rig cannot have.
+    """
     with TemporaryDirectory() as folder:
         file = Path(folder) / "effects.json"
         file.write_text(json.dumps(list(effects)))
@@ -59,6 +72,6 @@ def ensemble(scenario: Scenario, effects: Sequence[dict[str, Any]], seeds: Seque
         for seed in seeds:
             log = Path(folder) / f"{seed}.mcap"
             write_prediction(scenario, twin, seed, log)
-            tables.append(read_features(log, scenario, "predicted")[0])
+            tables.append(read_features(log, scenario, "predicted", names)[0])
             log.unlink()
         return tables

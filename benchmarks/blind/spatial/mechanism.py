@@ -69,7 +69,7 @@ def moved(rig: Spatial, angle: float, step: float, count: int, each: int = 1) ->
 def numbers(rig: Spatial) -> Numbers:
     """What the engine takes."""
     rod, modes, slider = rig.rod, bending(rig.rod), rig.slider
-    omega = np.tile(modes.omega, 2)
+    omega = np.tile(modes.omega, 2) * rod.detuned
     across = rod.mass * (rod.length**2 / 12 + rod.diameter**2 / 16)
     base = np.zeros(3)
     if rig.base is not None:

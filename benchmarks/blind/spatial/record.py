@@ -15,15 +15,15 @@ import numpy as np
 
 from benchmarks.blind.changes import Effects, changed, refuse_unknown
 from benchmarks.blind.finite_elements import Array
-from benchmarks.blind.outsiders import faulted
+from benchmarks.blind.outsiders import FAULTS, faulted
 from benchmarks.blind.recording import Recording
 from benchmarks.blind.sensing import Chain, altered, healthy, sensed
 from benchmarks.blind.spatial.effects import CATALOGUE, CHAIN_EFFECTS
 from benchmarks.blind.spatial.mechanism import moved
-from benchmarks.blind.spatial.outside import CROSS_TALK, MECHANICAL, OUTSIDE, crossed
+from benchmarks.blind.spatial.outside import CROSS_TALK, MECHANICAL, MILD, PAGES, STRONG, crossed
 from benchmarks.blind.spatial.rig import FORCES, MARKER, TACHOMETER, Spatial, set_anew, toleranced
 
-__all__ = ["OUTSIDE", "record"]
+__all__ = ["MILD", "PAGES", "STRONG", "record"]
 Built: TypeAlias = Callable[[Spatial], Spatial]
 UNITS = {**dict.fromkeys(FORCES, "N"), TACHOMETER: "rad/s", MARKER: "V"}
 _FINE_HZ = 100e3
@@ -53,11 +53,12 @@ def record(
     """Return one run.
 
     `scenario`: speed in rad/s, axis_angle in rad, socket_clearance and guide_clearance in m, sample_rate in
-    Hz, settle and duration in s. `effects` as in an effects file, of the catalogue or of OUTSIDE. `rig_seed`
-    draws what belongs to the rig, both seeds together what is set anew for each run. `built` has the last
-    word on the rig, whose tolerances are so many times `wider`. An effect that nobody knows: ValueError.
+    Hz, settle and duration in s. `effects` as in an effects file, of the catalogue, of MILD, STRONG or PAGES.
+    `rig_seed` draws what belongs to the rig, both seeds together what is set anew for each run. `built` has
+    the last word on the rig, whose tolerances are so many times `wider`. An effect that nobody knows:
+    ValueError.
     """
-    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *(effect.name for effect in OUTSIDE)))
+    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *MECHANICAL, *FAULTS, CROSS_TALK))
     rng, run = np.random.default_rng([rig_seed, 3]), np.random.default_rng([rig_seed, run_seed, 4])
     rig = real_rig(scenario, effects, rng, run, built, wider)
     chains = _chains(effects, rng, float(scenario["speed"]), wider)

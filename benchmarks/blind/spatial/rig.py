@@ -102,12 +102,13 @@ def toleranced(rig: Spatial, rng: np.random.Generator, wider: float = 1.0) -> Sp
     return replace(
         rig,
         crank_radius=rig.crank_radius * about_one(0.003),
-        rod=Rod(
-            rod.modulus * about_one(0.01),
-            rod.density * about_one(0.005),
-            rod.diameter * about_one(0.003),
-            rod.length * about_one(0.003),
-            tuple(ratio * common * about_one(0.09) for ratio in rod.damping),
+        rod=replace(
+            rod,
+            modulus=rod.modulus * about_one(0.01),
+            density=rod.density * about_one(0.005),
+            diameter=rod.diameter * about_one(0.003),
+            length=rod.length * about_one(0.003),
+            damping=tuple(ratio * common * about_one(0.09) for ratio in rod.damping),
         ),
         slider=replace(rig.slider, mass=mass * rig.slider.mass, inertia=(first, second, third)),
         span=rig.span * about_one(0.003),

@@ -17,13 +17,17 @@ ELEMENTS = 80
 
 @dataclass(frozen=True, slots=True)
 class Rod:
-    """SI. `damping`: one ratio for each bending mode, first across the one way, then across the other."""
+    """SI. `damping`: one ratio for each bending mode, first across the one way, then across the other.
+
+    `detuned`: a factor for the frequency of each of them.
+    """
 
     modulus: float = 207e9
     density: float = 7800.0
     diameter: float = 6.4e-3
     length: float = 0.19
     damping: tuple[float, ...] = (0.01,) * 6
+    detuned: tuple[float, ...] = (1.0,) * 6
 
     @property
     def mass(self) -> float:

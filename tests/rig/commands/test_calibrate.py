@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.log.writer import LogWriter
-from rig.commands import diagnose
+from rig.diagnosis import calibration
+from rig.diagnosis.calibration import Calibration
 from rig.diagnosis.recordings import recorded
 from rig.files.model_file import load_model
 from rig.files.scenario import parse_scenario
@@ -80,6 +82,7 @@ def test_a_reference_run_gives_a_model_that_predictions_use(
     answer = call("calibrate", reference, "-o", model_path, "--rigs", 100)
     assert answer.code == 0, answer.err
     assert "yoke_frequency" in answer.out
+    assert re.search(r"gap +[01]\.\d\d with the model", answer.out)
     model = load_model(model_path, "impact_beam")
     assert (model.runs, model.scenarios) == (("reference.mcap",), ("reference",))
     matched = with_model(nominal(), model, parse_scenario(SCENARIO), pytest.fail)
@@ -105,7 +108,7 @@ def test_a_run_with_a_fault_gives_no_model(
     call: Call, reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     far = Match(Matched(("yoke.force.gain",), np.array([9.0]), np.array([[0.1]])), 20.0)
-    monkeypatch.setattr(diagnose, "_match", lambda *_: far)
+    monkeypatch.setattr(calibration, "calibrated", lambda *_: Calibration(far))
     answer = call("calibrate", reference, "-o", tmp_path / "model.toml")
     assert answer.code == 1
     assert "not of a healthy rig" in answer.err

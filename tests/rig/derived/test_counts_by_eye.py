@@ -47,7 +47,7 @@ def test_impacts_are_those_that_one_counts_by_eye(name: str) -> None:
 
 
 @pytest.mark.long
-def test_a_healthy_spatial_rig_is_struck_as_often_in_the_socket_as_one_counts_by_eye() -> None:
+def test_a_healthy_spatial_rig_is_struck_as_often_in_socket_and_guide_as_one_counts_by_eye() -> None:
     whose = "spatial crank, 230 rpm"
     file, settings = SCENARIOS[whose]
     asked = {**settings, "acquisition.sample_rate": f"{RATE:g} Hz"}
@@ -66,7 +66,7 @@ def test_a_healthy_spatial_rig_is_struck_as_often_in_the_socket_as_one_counts_by
 
 
 def test_the_rule_finds_as_many_blows_on_a_healthy_spatial_twin_as_on_the_emulated_bench() -> None:
-    """7.1 a revolution in the socket and 14.8 on a point of the guide, which nobody has counted by eye."""
+    """7.1 a revolution in the socket and 14.8 on a point of the guide that carries it."""
     kept, blocks = Kept(), spatial_blocks()
     derivation = Derivation(kept, {"measured": tuple(blocks[0])}, parse_scenario(SPATIAL))
     for together in blocks:

@@ -108,11 +108,11 @@ def test_healthy_rigs_are_looked_at_for_as_long_as_a_whole_run(
             return [(None,) for _ in draws]
 
     monkeypatch.setattr(health, "Simulated", Asked)
-    # cycles of 50 ms, 36 a block: 97 of them in 5 s, the last 3 left out; 19.85 s hold eleven blocks
-    for seconds, blocks in ((5, 2), (10, 5), (60, 11)):
+    # cycles of 50 ms, 36 a block: 97 of them in 5 s, the last 3 left out; a run that was cut has two blocks
+    for seconds, recorded_s, blocks in ((5, 4.5, 2), (10, 9.5, 5), (60, 4.5, 2)):
         scenario = RUN.replace('duration = "5 s"', f'duration = "{seconds} s"')
         run = recorded_alone(
-            write_log(tmp_path / f"{seconds}.mcap", 4.5, origins=["measured"], scenario=scenario), 20.0
+            write_log(tmp_path / f"{seconds}.mcap", recorded_s, origins=["measured"], scenario=scenario), 20.0
         )
         band_of(run, "", 8, screen())
         assert asked == [blocks] * 8

@@ -7,6 +7,7 @@ import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.model_file import load_model, model_text, parse_model
+from sim_twin.diagnosis.discrepancy import Discrepancy
 from sim_twin.healthy import Matched
 from tests.rig.files.faulty import only_problem, problems_of
 
@@ -30,6 +31,19 @@ def test_what_was_written_is_read() -> None:
     # Four digits of means and deviations, three of correlations are written.
     assert model.matched.mean == pytest.approx(FOUND.mean, abs=1e-4)
     assert model.matched.covariance == pytest.approx(COVARIANCE, abs=2e-3)
+
+
+def test_what_the_matched_twin_does_otherwise_is_read_too() -> None:
+    wanted = (
+        Discrepancy("contact.force_upper", "energy", 0.25, octave=9),
+        Discrepancy("contact.force_upper", "coherence", 0.04, "yoke.force", 11),
+        Discrepancy("yoke.force", "rms", 1e-3),
+    )
+    text = model_text("impact_beam", ["a"], ["a"], NOMINALS, FOUND, {}, discrepancies=wanted)
+    assert parse_model(text, "model", "impact_beam").discrepancies == wanted
+    odd = text.replace("octave = 9", "octave = 9.5").replace("deviation = 0.001", "deviation = -1")
+    found = problems_of(lambda: parse_model(odd, "model", "impact_beam"))
+    assert set(found) == {"discrepancies[1].octave", "discrepancies[3].deviation"}
 
 
 def test_what_was_found_stands_beside_it_in_physical_terms() -> None:

@@ -96,6 +96,26 @@ def test_a_reader_that_stands_still_costs_the_oldest_records_and_no_time(pipe: P
     sender.close(None)
 
 
+def test_a_reader_that_was_slow_goes_on_with_the_newest_samples_and_misses_no_event(pipe: Pair) -> None:
+    sender = Sender(pipe[1], 64 << 20, patience_s=0.2)
+    sender.start()
+    big = np.zeros(1 << 16, np.float32)
+    event = Event(5, "warning", "daq_card", "overload", "over its range")
+    for first in range(40):  # more than the pipe holds
+        sender.offer(Block("measured", SampleBlock("a", first, 0, 1.0, big)))
+    sender.offer(event)
+    time.sleep(0.4)
+    found = [pipe[0].recv()]  # it was on its way
+    sender.offer(Block("measured", SampleBlock("a", 99, 0, 1.0, big)))
+    while not (isinstance(found[-1], Block) and found[-1].samples.first_sample == 99):
+        found.append(pipe[0].recv())
+    sender.close(1.0)
+    assert event in found
+    blocks = [each for each in found if isinstance(each, Block)]
+    assert sender.dropped == 41 - len(blocks) >= 30
+    assert Dropped(sender.dropped) in [*found, pipe[0].recv()]
+
+
 def test_a_reader_that_is_gone_is_noticed_and_nothing_is_kept(pipe: Pair) -> None:
     sender = Sender(pipe[1], 1 << 20)
     sender.start()

@@ -76,6 +76,16 @@ def test_an_angle_that_stops_is_seen_at_once() -> None:
     assert abs(said[-2]) < 0.2
 
 
+@pytest.mark.parametrize("leap", [-1.5, 0.4])
+def test_a_counter_that_its_index_sets_shows_no_other_speed(leap: float) -> None:
+    angle = counted(turned(25.0, 2.0))
+    angle[20_000:] += leap
+    _, speeds = shown(ANGLE, angle)
+    assert [speed for speed in speeds if not math.isnan(speed)] == pytest.approx(
+        [25.0] * len(speeds), abs=1.0
+    )
+
+
 def test_a_shaft_that_turns_backwards_has_a_negative_speed() -> None:
     _, said = shown(ANGLE, counted(-turned(200.0, 2.0)))
     assert said[-1] == pytest.approx(-200.0, rel=1e-3)

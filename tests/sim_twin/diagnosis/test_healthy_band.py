@@ -60,6 +60,18 @@ def test_what_is_off_is_named_with_its_channel_and_its_worst_cell(band: HealthyB
     assert first.gap > whole.gap > first.farthest > 1.0
 
 
+def test_what_is_a_little_higher_everywhere_is_seen_by_its_level() -> None:
+    rng = np.random.default_rng(6)
+    band = healthy_band([rig(rng) for _ in range(RIGS)], LAYOUT)
+    blocks = rig(rng)
+    blocks[:, : 20 * SLICES] -= 0.8
+    first = band.places(blocks)[1]
+    assert (first.channel, first.beyond, first.gap_beyond) == ("left", True, False)
+    assert first.level is not None
+    assert first.level.what == "energy"
+    assert first.level.off < -4.0
+
+
 def test_one_rig_that_is_alone_somewhere_hides_nothing_elsewhere() -> None:
     """A point that one healthy rig in 48 touches, and all others never."""
     rng = np.random.default_rng(4)
