@@ -113,8 +113,8 @@ def identifying(
 
 def tolerance_of(kind: RigKind, key: str, twin: AnyTwin) -> Tolerance | None:
     """What healthy rigs differ by in the value of a key; None where they do not."""
-    place = ("rig", *kind.model[key].place)
-    found = (each for each in twin.model.healthy_spread(twin) if each.place == place or each.name == key)
+    place, named = ("rig", *kind.model[key].place), (key, key.replace("_", ".", 1))
+    found = (each for each in twin.model.healthy_spread(twin) if each.place == place or each.name in named)
     return next(found, None)
 
 

@@ -109,17 +109,33 @@ def healthy_band(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> Hea
             for number, blocks in enumerate(healthy)
         ]
     )
-    typical, spread = figures.mean(axis=0), np.maximum(figures.std(axis=0, ddof=1), _LEAST_SPREAD)
+    typical, spread = _normal(figures)
     off = (figures - typical) / spread
+    # as a run is held against all: by a mean and deviation that it is in itself, a rig lies nearer
+    beside = np.array([_beside_the_others(figures, number) for number in range(len(figures))])
     gaps = len(_places(layout))
-    most = np.concatenate([off[:, :gaps].max(axis=0), np.abs(off[:, gaps:]).max(axis=0)])
-    alike = most < _ALONE
-    limits = np.where(alike, most[alike].max(initial=0.0), most)
+    alike = _most(off, gaps) < _ALONE
+    most = _most(beside, gaps)
+    limits = np.where(alike, most[alike].max(initial=0.0), _most(off, gaps))
     with np.errstate(invalid="ignore"):  # of a figure that is the same in all
         skewed = jarque_bera(off[:, gaps:], axis=0).pvalue < _NORMAL
     limits[gaps:][skewed | ~alike[gaps:]] = np.inf
-    measure = gap_measure(healthy, layout)
-    return HealthyBand(measure, typical, spread, limits, len(healthy))
+    return HealthyBand(gap_measure(healthy, layout), typical, spread, limits, len(healthy))
+
+
+def _most(off: Array, gaps: int) -> Array:
+    """That any rig is off: the gaps, which come first, above the mean, levels to either side."""
+    return np.concatenate([off[:, :gaps].max(axis=0), np.abs(off[:, gaps:]).max(axis=0)])
+
+
+def _normal(figures: Array) -> tuple[Array, Array]:
+    return figures.mean(axis=0), np.maximum(figures.std(axis=0, ddof=1), _LEAST_SPREAD)
+
+
+def _beside_the_others(figures: Array, number: int) -> Array:
+    """How many deviations one rig lies off the mean of the others."""
+    mean, deviation = _normal(np.delete(figures, number, axis=0))
+    return np.asarray((figures[number] - mean) / deviation)
 
 
 def _places(layout: Layout) -> list[str]:

@@ -39,6 +39,7 @@ speed = "200 rpm"
 sample_rate = "25.6 kHz"
 duration = "5 s"
 """
+SPATIAL = CRANK.replace("planar", "spatial").replace("200 rpm", "300 rpm")
 
 
 def record(path: Path, seed: int, scenario: str = SCENARIO, values: Mapping[str, float] = NOTHING) -> Path:
@@ -168,6 +169,18 @@ def test_the_values_of_a_draw_are_those_of_its_rig() -> None:
     assert [each.rig.piston_mass for each in drawn] == [3.0] * 3
     assert {each.rig.frames["crank_frame.acceleration_y"].frequency for each in drawn} == {250.0}
     assert len({each.rig.rod_mass for each in drawn}) == 3
+
+
+def test_the_spatial_cranks_values_are_looked_for_in_its_recordings(tmp_path: Path) -> None:
+    run = record(tmp_path / "spatial.mcap", 3, SPATIAL)
+    free = {"guide_clearance": "", "slider_mass": "0.2 kg..0.5 kg"}
+    data, wides, campaign = read_for([run], [], free, Screen(Terminal()))
+    assert data.paths == (run,)
+    require_moves(wides, campaign, campaign.observe)  # told before any long work otherwise
+    lighter = campaign.changed(0, (("values", {"guide_clearance": 3e-4, "slider_mass": 0.3}),))
+    drawn = [lighter.model.draw_healthy(lighter, np.random.default_rng(seed)) for seed in range(3)]
+    assert [each.rig.guide_clearance for each in drawn] == [3e-4] * 3
+    assert {each.rig.slider.mass for each in drawn} == {0.3}
 
 
 def test_values_are_looked_for_ten_times_as_far_as_healthy_rigs_lie() -> None:

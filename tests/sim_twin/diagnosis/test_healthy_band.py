@@ -39,6 +39,15 @@ def test_healthy_rigs_lie_within_the_band(band: HealthyBand) -> None:
     assert np.mean([any(place.beyond for place in places) for places in judged]) < 0.06
 
 
+@pytest.mark.parametrize("off", [1.0, 1.5, 2.0, 3.0])
+def test_a_run_as_far_off_as_one_of_the_healthy_rigs_lies_within(off: float) -> None:
+    rng = np.random.default_rng(8)
+    rigs = [rig(rng) for _ in range(RIGS)]
+    rigs[5] += off
+    places = healthy_band(rigs, LAYOUT).places(rig(np.random.default_rng(9)) + off)
+    assert not any(place.beyond for place in places)
+
+
 def test_what_is_off_is_named_with_its_channel_and_its_worst_cell(band: HealthyBand) -> None:
     blocks = rig(np.random.default_rng(3))
     seventh = 20 + 7
