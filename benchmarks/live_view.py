@@ -1,12 +1,11 @@
 """How soon the live view shows a run, and how far behind its newest sample it is.
 
-Runs `rattle run --live` on the emulated beam with 16 channels and then with 64, or as many as are asked for,
-and opens the address that it prints, as soon as it does, in Chromium, which draws in software. Prints: from
-the address to the first picture; how far behind the newest sample that the run had, and behind the newest
-predicted one, the page was each time it had drawn, while the run recorded, and how far behind the clock, to
-which the bar is held: it counts what emulates the card as well; in the middle of the record, texts that are
-cut or lie on each other, and channels that have all their traces. Run and browser share this machine's
-cores.
+Runs `rattle run --live` on the emulated beam with 16 channels, or as many as are asked for, and opens the
+address that it prints, as soon as it does, in Chromium, which draws in software. Prints: from the address to
+the first picture; how far behind the newest sample that the run had, and behind the newest predicted one, the
+page was each time it had drawn, while the run recorded, and how far behind the clock, to which the bar is
+held: it counts what emulates the card as well; in the middle of the record, texts that are cut or lie on each
+other, and channels that have all their traces. Run and browser share this machine's cores.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ FIRST_S, BEHIND_S = 5.0, 2.0
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--channels", type=int, nargs="+", default=[16, 64])
+    parser.add_argument("--channels", type=int, nargs="+", default=[16])
     parser.add_argument("--size", default="1280x800")
     parser.add_argument(
         "--pictures", type=Path, help="a folder for a PNG of each in the middle of its record"

@@ -123,7 +123,7 @@ def start(
     child = Child(name, _serve, make, grace_s=STOP_DEADLINE_S)
     child.start()
     started = EmulatedInstrument(name, (), child)
-    why = f"it did not start within {deadline_s:g} s"
+    why = f"it did not start within {deadline_s:g} s; on a machine that is busy call again"
     try:
         if child.pipe.poll(deadline_s):
             started.addresses, why = child.pipe.recv()

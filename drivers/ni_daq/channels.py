@@ -263,6 +263,11 @@ class CardSettings:
     stop_line: StopLine | None = None
     CHECKS: ClassVar = (Check(("grpc",), _reachable),)
 
+    @property
+    def ranges(self) -> dict[str, float]:
+        """Full scales of what is sampled, by channel, in its unit."""
+        return {each.name: each.range for each in self.channels if not each.counted}
+
     @staticmethod
     def place(address: str) -> Mapping[str, Any]:
         return {"grpc": address}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -88,35 +88,37 @@ def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | No
     return wanted, bench
 
 
-def overrides(texts: list[str]) -> dict[str, object]:
+def overrides(texts: list[str]) -> Iterator[tuple[str, object]]:
     """What --set says, by key: a value as TOML has it, or a text, for a shell takes its quotes away."""
     import tomllib
 
-    found: dict[str, object] = {}
     for text in texts:
         key, mark, value = text.partition("=")
         key, value = key.replace('"', "").strip(), value.strip()
         if not mark or not key or not value:
             raise typer.BadParameter(f'--set {text}: KEY=VALUE, such as drive.frequency="21 Hz"')
-        if key in found:
-            raise typer.BadParameter(f"{key} has two values, {found[key]} and {value}; name one")
         try:
-            found[key] = tomllib.loads(f"value = {value}")["value"]
+            yield key, tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
-            found[key] = value
-    return found
+            yield key, value
 
 
-def noted(texts: list[str]) -> dict[str, object]:
+def noted(texts: list[str]) -> Iterator[tuple[str, object]]:
     """What --note says, by key of the scenario: always a text."""
-    found: dict[str, object] = {}
     for text in texts:
         key, mark, value = (each.strip() for each in text.partition("="))
         if not mark or not key or not value or "." in key:
             raise typer.BadParameter(f'--note {text}: KEY=TEXT, such as operator="Ada"')
-        if f"notes.{key}" in found:
-            raise typer.BadParameter(f"--note {key} comes twice; name one")
-        found[f"notes.{key}"] = value
+        yield f"notes.{key}", value
+
+
+def once(given: Iterable[tuple[str, object]]) -> dict[str, object]:
+    """Values by key of the scenario, none of which may come twice."""
+    found: dict[str, object] = {}
+    for key, value in given:
+        if key in found:
+            raise typer.BadParameter(f"{key} has two values, {found[key]} and {value}; name one")
+        found[key] = value
     return found
 
 

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, is_log, out_folder, print_json
+from rig.session.pace import reading
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -157,7 +158,7 @@ def calibrate(
             raise typer.BadParameter("--spread and --known-healthy do not go together: leave out what is not")
         _learn_spread(runs, model, out, rigs, seed, budget, screen)
         return
-    with screen.busy("reading"):
+    with screen.busy("reading", reading("read for a diagnosis", *runs)):
         read = recorded_of(runs, model, screen)
         before = None if model is None else _before(model, read)
     for remark in read.remarks:

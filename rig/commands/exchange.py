@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 
 from daq.errors import ConfigurationError, Problem, RattleError
+from daq.log.reader import Origin
 from rig.commands.arguments import RunFile, seconds
-from rig.session.pace import Work
+from rig.session.pace import Work, reading
 from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
@@ -40,9 +41,7 @@ def export(
     ] = None,
     origin: Annotated[
         str | None,
-        typer.Option(
-            "--origin", metavar="measured|predicted|nominal|derived", help="Only these; a list with commas."
-        ),
+        typer.Option("--origin", metavar="|".join(get_args(Origin)), help="Only these; a list with commas."),
     ] = None,
     start: Annotated[
         str, typer.Option("--from", metavar="TIME", help="In s since the start of recording.")
@@ -72,9 +71,9 @@ def export(
         raise exists_already(target)
     start_s, end_s = seconds(start, "--from"), math.inf if end is None else seconds(end, "--to-time")
     with LogReader(run) as log, Scratch(target.parent) as scratch:
-        size = run.stat().st_size / 1e6
         origins, names = _chosen(log, channels, origin)
-        with screen.busy("reading", Work("read for export", size)):
+        work = reading("read for export", run)
+        with screen.busy("reading", work):
             recording = read_log(log, scratch, origins, names)
             if all_rates or not chosen.one_rate:
                 recording = _with_impacts(recording, log)
@@ -94,7 +93,7 @@ def export(
                 more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
                 named = ", ".join(each.name for each in left[:_NAMED])
                 screen.say(f"left out   {named}{more}: other rates (--all-rates)")
-        with screen.busy("writing", Work(f"write {to}", len(recording.tracks) * size)):
+        with screen.busy("writing", Work(f"write {to}", len(recording.tracks) * work.units)):
             written = chosen.write(recording, target, screen.warn)
     for path in written:
         screen.say(f"file       {path}")
@@ -198,8 +197,8 @@ def import_files(
     source = ", ".join(map(str, files))
     with ExitStack() as stack:
         scratch = stack.enter_context(Scratch(target.parent))
-        size = sum(path.stat().st_size for path in files if path.is_file()) / 1e6
-        with screen.busy("reading", Work(f"read {files[0].suffix}", size)):
+        work = reading(f"read {files[0].suffix}", *files)
+        with screen.busy("reading", work):
             found = [format_of(path).read(path, scratch) for path in files]
             ids = {each.rest.run_id for each in found if each.rest.metadata}
             if len(ids) > 1:
@@ -221,7 +220,7 @@ def import_files(
         recording = matched_to_rig(contents, scenario, answers, source, screen.warn)
         writer = stack.enter_context(LogWriter(target))
         stack.enter_context(removed_if_it_fails(target))
-        with screen.busy("writing", Work(f"import {files[0].suffix}", size)):
+        with screen.busy("writing", Work(f"import {files[0].suffix}", work.units)):
             write_log(_with_records(recording, scenario, files), writer)
 
 

@@ -13,13 +13,22 @@ from rich.table import Table
 
 from daq.errors import ConfigurationError, RattleError
 from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
-from rig.session.pace import Work
+from rig.session.pace import Work, reading
 from rig.session.progress import MEGABYTES, Screen, Terminal
 
 if TYPE_CHECKING:
-    from daq.log.reader import Origin
+    from daq.log.reader import LogReader, Origin
     from daq.log.recover import LogReport
     from rig.report.record import RunRecord
+
+
+def recorded(log: Path, screen: Screen) -> RunRecord:
+    """What a log tells; how long reading takes is told where it takes long."""
+    from rig.report.record import read_run
+
+    work = reading("read a run", log)
+    with screen.busy("reading", work) if work.units >= _LARGE_MB else nullcontext():
+        return read_run(log)
 
 
 def overlay(
@@ -31,14 +40,13 @@ def overlay(
     model: Model = None,
 ) -> None:
     from rig.diagnosis.health import judged
-    from rig.report.record import read_run
     from rig.report.summary import closeness, overall
     from rig.session.overlay import overlay_run
 
     screen = Screen(Terminal())
     target = out or run.with_suffix(".overlay.mcap")
     overlay_run(run, target, effects, model, screen.warn, screen=screen)
-    overlaid = judged(read_run(target), screen)
+    overlaid = judged(recorded(target, screen), screen)
     show(overlaid, screen)
     if effects is not None and (channels := closeness(overlaid)):
         close = overall(channels)
@@ -64,11 +72,11 @@ def verify(log: RunFile, as_json: Json = False) -> None:
 @contextmanager
 def _read(what: str, log: Path, screen: Screen) -> Iterator[Callable[[int], None]]:
     """Show how far a log has been read; of one that is soon read nothing is said."""
-    size = log.stat().st_size / 1e6 if log.is_file() else 0.0
-    if size < _LARGE_MB:
+    work = reading(what, log)
+    if work.units < _LARGE_MB:
         yield lambda _: None
         return
-    with screen.bar(what, round(size), MEGABYTES, Work(what, size)) as bar:
+    with screen.bar(what, round(work.units), MEGABYTES, work) as bar:
         yield lambda passed: bar(passed / 1e6)
 
 
@@ -102,26 +110,28 @@ def _show(report: LogReport, as_json: bool) -> None:
             for gap in log.gaps():
                 whose = f"{gap.origin} {gap.channel}".strip()
                 screen.say(f"gap: {whose}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
-            screen.say(f"{report.path}: {_verdict(report, log.scenario)}")
+            screen.say(f"{report.path}: {_verdict(report, log)}")
     if not report.sound:
         raise typer.Exit(_UNSOUND)
 
 
-def _verdict(report: LogReport, scenario: str) -> str:
+def _verdict(report: LogReport, log: LogReader) -> str:
     """What a log is worth, in one line."""
     from rig.files.scenario import parse_scenario
+    from rig.session.run import ENDS
 
     reaches = f"{report.seconds:.4g} s"
-    with suppress(ConfigurationError):
-        wanted = parse_scenario(scenario).acquisition.duration
-        if report.recovered_from or not report.complete:
-            reaches += f" of the {wanted:g} s asked for"
+    if (report.recovered_from or not report.complete) and ENDS not in log.metadata.get("run", {}):
+        with suppress(ConfigurationError):
+            reaches += f" of the {parse_scenario(log.scenario).acquisition.duration:g} s asked for"
     samples = sum(topic.samples for topic in report.topics)
     reaches += f", {samples} samples"
     if report.ledger_missing:
         reaches += f", {report.ledger_missing} more missing by its ledger"
     if not report.complete:
         return f"{reaches}; cut short ({report.damage or 'no end'}): rattle recover"
+    if not samples:
+        return f"{reaches}: nothing was recorded"
     if not report.sound:
         return f"{reaches}: NOT SOUND, {report.damage or 'samples are missing outside the ledger'}"
     if not report.recovered_from:

@@ -23,6 +23,7 @@ from rig.commands.arguments import (
     ScenarioFile,
     load_pair,
     noted,
+    once,
     out_folder,
     overrides,
     print_json,
@@ -66,8 +67,10 @@ def run(
     from rig.twin.scenario_twin import check_twin
 
     screen = Screen(Terminal(stderr=as_json))
-    length = [] if duration is None else [f"acquisition.duration={duration}"]
-    changed = {**noted(note or []), **overrides([*(settings or ()), *length])}
+    given = [*noted(note or []), *overrides(settings or [])]
+    if duration is not None:
+        given += [("acquisition.duration", duration)]
+    changed = once(given)
     scenario, bench = load_pair(partial(load_scenario, settings=changed), scenario_file, bench_file)
     open_ended = until_stopped and "acquisition.duration" not in changed
     if until_stopped:
@@ -97,19 +100,18 @@ def run(
             log = run_scenario(replace(request, view=view), screen, clock)
 
         # The rig stands: what its report takes, most of scipy, is loaded only now.
-        from rig.commands.logs import report_and_name, show
+        from rig.commands.logs import recorded, report_and_name, show
         from rig.diagnosis.health import judged
-        from rig.report.record import read_run
 
-        recorded = judged(read_run(log), screen)
-        show(recorded, screen)
-        report = report_and_name(recorded, screen)
+        found = judged(recorded(log, screen), screen)
+        show(found, screen)
+        report = report_and_name(found, screen)
         if as_json:
             from rig.report.summary import as_json as figures
 
-            print_json({"log": str(log), "report": str(report), **figures(recorded)})
+            print_json({"log": str(log), "report": str(report), **figures(found)})
         if view is not None:
-            come_to(view, screen, f"finished: {log}", recorded.verdict, report)
+            come_to(view, screen, f"finished: {log}", found.verdict, report)
 
 
 def live(

@@ -91,15 +91,14 @@ def _list(chosen: list[Run], of: int) -> None:
 
 
 def _compare(found: list[Run], as_json: bool) -> None:
-    from rig.commands.logs import show
+    from rig.commands.logs import recorded, show
     from rig.report.catalogue import apart_db, differences, side_by_side
-    from rig.report.record import read_run
     from rig.report.summary import as_json as figures
 
     if len(found) != 2:
         raise typer.BadParameter(f"--compare wants two runs, not {len(found)}")
     screen, (one, other) = Screen(Terminal(stderr=as_json)), found
-    both = side_by_side(read_run(one.path), read_run(other.path))
+    both = side_by_side(recorded(one.path, screen), recorded(other.path, screen))
     between, halves = apart_db(both)
     unlike = differences(one, other)
     if as_json:

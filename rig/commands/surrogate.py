@@ -98,15 +98,14 @@ def predict(
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN.surrogate.mcap")
     ] = None,
 ) -> None:
-    from rig.commands.logs import report_and_name
+    from rig.commands.logs import recorded, report_and_name
     from rig.diagnosis.health import judged
-    from rig.report.record import read_run
     from rig.session.overlay import overlay_run
 
     screen = Screen(Terminal())
     target = out or run.with_suffix(".surrogate.mcap")
     overlay_run(run, target, warn=screen.warn, surrogate=model, screen=screen)
-    report_and_name(judged(read_run(target), screen), screen)
+    report_and_name(judged(recorded(target, screen), screen), screen)
 
 
 @surrogate.command(

@@ -27,6 +27,7 @@ from rig.files.model_file import ModelFile, load_model
 from rig.files.out_folder import check_out
 from rig.files.scenario import parse_scenario
 from rig.pages.content import Section, page
+from rig.session.pace import reading
 from rig.session.progress import Screen
 from rig.twin.logged import campaign_with_model
 from sim_twin.diagnosis.campaign import Campaign, horizon_s
@@ -65,7 +66,7 @@ def diagnose_runs(
     """
     began = time.monotonic()
     check_out(out)
-    with screen.busy("reading"):
+    with screen.busy("reading", reading("read for a diagnosis", *runs)):
         data = recorded_of(runs, model, screen)
     remarks = list(data.remarks)
     for remark in remarks:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from shlex import quote
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from daq.errors import RattleError
 from daq.log.reader import LogReader
 from daq.log.writer import write_whole
-from rig.diagnosis.kept import digest_of, setting_told, version_of
+from rig.diagnosis.kept import digest_of, kept_arrays, setting_told, version_of
 from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.cache import cache_folder
@@ -36,6 +37,7 @@ _SIMULATED_S = 600.0
 _LOOKED_AT_S = 20.0
 """Of a run, from its beginning: a verdict must be there at once, and thirty cycles are good."""
 _NAMED = 3
+_KEPT: Final = {"twin", "floor", "unit", "typical", "spread", "limits", "rigs"}
 
 
 def judged(run: RunRecord, screen: Screen) -> RunRecord:
@@ -66,10 +68,17 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
         return Verdict(None, ("Not judged: interrupted while healthy rigs were simulated.",))
     if band is None:
         return Verdict(None, ("Not judged: too few healthy rigs of this scenario could be simulated.",))
-    return _told(run, band.places(run.measured), band.rigs, log)
+    return _told(run, band.places(run.measured), band.rigs, _next_step(log, matched=bool(model)))
 
 
-def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
+def _next_step(log: Path, matched: bool) -> str:
+    """A command that judges by the twin that the verdict went by."""
+    model = " --model MODEL.toml" if matched else ""
+    by = ", by the model that the run had" if matched else ""
+    return f"What causes it: rattle diagnose {quote(str(log))}{model} --out answer{by}"
+
+
+def _told(run: AloneRun, places: list[Place], rigs: int, next_step: str) -> Verdict:
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
     known = (
@@ -86,7 +95,6 @@ def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
     named = [f"{place.channel}, {_size(place)}, {_why(place)}" for place in (beyond or channels)[:_NAMED]]
     more = len(beyond) - len(named)
     where = f"Most in {'; in '.join(named)}" + (f"; and in {more} more." if more > 0 else ".")
-    next_step = f"What causes it: rattle diagnose {log} --out answer"
     return Verdict(False, ("Not what healthy rigs do.", f"{known} {where}", *remarks, next_step))
 
 
@@ -116,13 +124,11 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
     """The band of the run's scenario that is kept, or simulated now; None where too few rigs could be."""
     file = cache_folder() / "healthy" / f"{_key(run, model, rigs)}.npz"
     layout = run.campaign.layout
-    with suppress(Exception), file.open("rb") as opened:  # whatever damage raises: it is made again
-        kept = np.load(opened)
-        numbers = {name: kept[name] for name in kept.files}
+    numbers = kept_arrays(file)
+    if numbers is not None and numbers.keys() >= _KEPT and len(numbers["twin"]) == layout.size:
         measure = GapMeasure(layout, numbers["twin"], numbers["floor"], float(numbers["unit"]))
-        if len(measure.twin) == layout.size:
-            ends = numbers["typical"], numbers["spread"], numbers["limits"]
-            return HealthyBand(measure, *ends, int(numbers["rigs"]))
+        ends = numbers["typical"], numbers["spread"], numbers["limits"]
+        return HealthyBand(measure, *ends, int(numbers["rigs"]))
     draws = [Draw((), seed, blocks=run.blocks) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
     work = work_of("simulate", run.campaign, len(draws))

@@ -28,7 +28,7 @@ from daq.errors import (
 from daq.log.writer import write_whole
 from daq.quantity import Quantity, Setting
 from rig.diagnosis.experiments import options
-from rig.diagnosis.kept import version_of
+from rig.diagnosis.kept import kept_arrays, version_of
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.faults import Faults
@@ -39,6 +39,7 @@ from rig.files.table import FieldError, field_of
 from rig.pages.words import listed
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
+from rig.session.pace import reading
 from rig.session.progress import Screen
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import NarrowColumns
@@ -216,16 +217,16 @@ class Kept:
     def _piece(self, draws: Sequence[Draw]) -> Sequence[Observed]:
         told = hashlib.sha256(f"{self._about}\n{draws!r}".encode()).hexdigest()[:32]
         file = self._folder / f"{told}.npz"
-        with suppress(Exception), np.load(file) as kept:  # whatever damage raises: it is simulated again
+        if (kept := kept_arrays(file)) is not None and kept.keys() >= {"there", "shown"}:
             there, shown = kept["there"], iter(kept["shown"])
             self.found += len(draws)
             return [(next(shown) if each else None,) for each in there]
         observed = self._simulate(draws)
         self.cut_short |= not all(observed)
         if all(observed):
-            shown = [each[0] for each in observed if each[0] is not None]
+            simulated = [each[0] for each in observed if each[0] is not None]
             content = BytesIO()
-            np.savez(content, there=[each[0] is not None for each in observed], shown=np.array(shown))
+            np.savez(content, there=[each[0] is not None for each in observed], shown=np.array(simulated))
             self._folder.mkdir(exist_ok=True)
             write_whole(file, content.getvalue())
         return observed
@@ -248,7 +249,7 @@ def read_for(
 
     Raises ConfigurationError or LogError for what cannot be used.
     """
-    with screen.busy("reading"):
+    with screen.busy("reading", reading("read for a diagnosis", *runs, *responses)):
         data = recorded([*runs, *responses], partial(_narrow, responses))
     for remark in data.remarks:
         screen.warn(remark)

@@ -15,7 +15,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,17 @@ _SHAPE: Final = struct.Struct("<ii")
 _MOST_BYTES, _MOST_A_FILE = 2_000_000_000, 250_000_000
 """Of all files; and of one, which is held in memory."""
 _DIGEST = 16
+_DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zlib.error, BadZipFile)
+"""What NumPy and zipfile raise where a byte is another."""
+
+
+def kept_arrays(file: Path) -> dict[str, NDArray[Any]] | None:
+    """The arrays of a file of the cache; None where there is none, or a damaged one."""
+    try:
+        with np.load(file) as kept:
+            return {name: kept[name] for name in kept.files}
+    except _DAMAGE:
+        return None
 
 
 class Kept:

@@ -17,6 +17,7 @@ from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.faults import toml_key
 from rig.files.model_file import head_text, parse_model
 from rig.rigs import RIGS
+from rig.session.pace import reading
 from rig.session.progress import Screen
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.matching import Rigs, healthy_draws, simulated_rigs
@@ -44,7 +45,7 @@ def spread_of(
     if len(distinct) < max(_FEWEST, len(paths)):
         told = f"{len(paths)} runs, {len(distinct)} of them different"
         raise ConfigurationError("runs", [Problem("runs", told, f"{_FEWEST} different ones at least")])
-    with screen.busy("reading"):
+    with screen.busy("reading", reading("read one by one", *paths)):
         runs = [recorded_alone(path, _LONGEST_S) for path in paths]
     kinds = {run.scenario.rig: path.name for run, path in zip(runs, paths, strict=True)}
     if len(kinds) > 1:

@@ -77,7 +77,8 @@ class Scenario:
     widths: Mapping[str, float] = field(default_factory=dict)
 
 
-_ONE_LINE: Final = Text("a text of one line, up to 200 characters")
+_LONGEST_NAME: Final = 200
+_ONE_LINE: Final = Text("a text of one line, up to 200 characters", longest=_LONGEST_NAME)
 _NAME: Final = field_of(Setting("name", "name", str, REQUIRED, _ONE_LINE))
 _NOTE: Final = field_of(Setting("note", "note", str, REQUIRED, Text("a text of one line", longest=500)))
 _NOTE_KEY: Final = re.compile(r"[\w-]{1,60}")
@@ -91,7 +92,17 @@ def load_scenario(path: str | Path, settings: Mapping[str, object] | None = None
         return parse_scenario(text, source)
     table = with_values(read_toml(text, source), settings)
     said = ", ".join(f"{key} = {as_written(value)}" for key, value in settings.items())
+    if isinstance(name := table.get("name", table.get("rig")), str) and "name" not in settings:
+        table["name"] = ", ".join([name, *_of_its_rig(settings)])[:_LONGEST_NAME]
     return scenario_of(table, f"{source} with {said}", f"# {Path(path).name} with {said}\n{toml_of(table)}")
+
+
+def _of_its_rig(settings: Mapping[str, object]) -> Iterator[str]:
+    """Those that make it another scenario, in words for its name."""
+    for key, value in settings.items():
+        section, _, name = key.partition(".")
+        if section in ("model", "drive"):
+            yield f"{name.replace('_', ' ')} {str(value).strip()}"
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:

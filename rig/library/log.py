@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S, Flag, SampleBlock, values_of
 from daq.channel import Channel
 from daq.errors import LogError, RattleError
-from daq.log.reader import ROUNDING_S, LogReader, Origin, late_by_s
+from daq.log.reader import ROUNDING_S, SURROGATE, LogReader, Origin, late_by_s
 from daq.log.records import ClockRecord, Event, Gap, Impact
 
 if TYPE_CHECKING:
@@ -196,11 +196,7 @@ class Channels:
         """Several (default: all that have a sample) between two times in s; raises RattleError."""
         for name in names or ():
             if name not in self._channels:
-                near = difflib.get_close_matches(name, self._channels, n=1, cutoff=0.5)
-                hint = (
-                    f"did you mean {near[0]}?" if near else f"there are {', '.join(self._channels) or 'none'}"
-                )
-                raise LogError(f"{self._log.path}: no channel {name!r} was {self._origin}; {hint}")
+                raise _absent(self._log.path, name, f"was {self._origin}", self._channels)
         wanted = self.filled(self._channels) if names is None else names
         with LogReader(self._log.path) as log:
             zero_ns = log.zero_ns or 0
@@ -271,6 +267,12 @@ class Channels:
         return table_of([self._origin, "unit", "quantity", "location"], rows)
 
 
+def _absent(path: Path, name: str, there: str, known: Collection[str]) -> LogError:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known) or 'none'}"
+    return LogError(f"{path}: no channel {name!r} {there}; {hint}")
+
+
 class Log:
     """A log for reading. `log["yoke.force"]` is measured where it was, else predicted, nominal or derived;
     `log.predicted["yoke.force"]` says which.
@@ -295,6 +297,7 @@ class Log:
         self.predicted = Channels(self, "predicted", channels["predicted"])
         self.nominal = Channels(self, "nominal", channels["nominal"])
         self.derived = Channels(self, "derived", channels["derived"])
+        self.surrogate = Channels(self, SURROGATE, channels[SURROGATE])
 
     @cached_property
     def zero_ns(self) -> int:
@@ -313,15 +316,19 @@ class Log:
 
     @property
     def origins(self) -> dict[Origin, Channels]:
-        """What there is of measured, predicted, nominal and derived."""
-        each = (self.measured, self.predicted, self.nominal, self.derived)
+        """What there is of measured, predicted, nominal, derived and, by a network, surrogate."""
+        each = (self.measured, self.predicted, self.nominal, self.derived, self.surrogate)
         return {found._origin: found for found in each if found}
 
     def __getitem__(self, name: str) -> Series:
         for channels in self.origins.values():
             if name in channels:
                 return channels[name]
-        return self.measured[name]
+        raise self._absent(name)
+
+    def _absent(self, name: str) -> LogError:
+        known = dict.fromkeys(each for channels in self.origins.values() for each in channels)
+        return _absent(self.path, name, "is in it", known)
 
     def __contains__(self, name: object) -> bool:
         return any(name in channels for channels in self.origins.values())
@@ -372,7 +379,7 @@ class Log:
         shown = names or tuple(self._first.filled(self._first))
         for name in shown:
             if name not in self:
-                self.measured.series([name])  # says what is meant
+                raise self._absent(name)
         drawn = [each.series(each.filled(shown), start, end) for each in self.origins.values()]
         rows = [[series[name] for series in drawn if name in series] for name in shown]
         return _figure([row for row in rows if row])

@@ -14,6 +14,7 @@ from daq.block import SampleBlock
 from daq.log.reader import CRANK_SPEED, Origin, derived_name
 from daq.log.records import Impact
 from rig.derived.order_lines import OrderLines
+from rig.derived.settings import role_of
 from rig.derived.turns import KEPT_S, Turns, turns_from
 from rig.live import mechanism, paths
 from rig.live.crank_plots import IMPACT_FRAME, ORDER_FRAME, ImpactPicture, OrderPicture, SpeedPlot, speed_view
@@ -177,7 +178,7 @@ class CrankPlay:
         self._orders = {name: OrderPicture(recording, name) for name in picture.turning(shown)}
         self._impacts: dict[str, ImpactPicture] = {}
         for group, names in picture.heard(shown).items():
-            drawn = ImpactPicture(stage, group, shown.units[names[0]])
+            drawn = ImpactPicture(stage, group, role_of(names[0]))
             self._impacts |= dict.fromkeys(names, drawn)
         self._speeds = {derived_name(origin, CRANK_SPEED): origin for origin in shown.origins}
 

@@ -18,6 +18,7 @@ from rig.live import paths
 from rig.live.axes import DRAW_ORDER, AxesPicture, Axis, Frame, decades, from_zero
 from rig.live.picture import Stage
 from rig.live.series import line_style, over_time
+from sim_twin.rigs.channel_table import Role
 
 IMPACT_FRAME = Frame(height=3.6, left=1.7, bottom=1.0, top=0.85)
 _ANGLES = Axis(0.0, 360.0, tuple((float(at), f"{at}°") for at in range(0, 361, 45)))
@@ -48,9 +49,9 @@ class _Cloud:
 class ImpactPicture:
     """Impacts of one group of channels, a dot each, drawn anew once a second."""
 
-    def __init__(self, stage: Stage, group: str, unit: str) -> None:
+    def __init__(self, stage: Stage, group: str, role: Role) -> None:
         self._stage, self._group = stage, group
-        what = "contact force of each impact" if unit == "N" else "acceleration of each burst"
+        what = "peak of each impact" if role is Role.CONTACT else "magnitude of each burst"
         caption = f"largest {what}, over the crank angle at which it begins"
         self._axes = AxesPicture(stage.recording, paths.impacts(group), IMPACT_FRAME, caption)
         self._axis = from_zero(1.0)

@@ -6,6 +6,7 @@ A run is joined by one connection, in its page process; that nobody serves, or h
 
 from __future__ import annotations
 
+import errno
 import http.client
 import json
 import os
@@ -31,8 +32,12 @@ _STARTS_S, _LOOK_S = 10.0, 0.05
 IDLE_S: Final = 3600.0
 _LARGEST: Final = 32 << 20
 _HTML: Final = "text/html; charset=utf-8"
-_PAGES: Final = {"/": "page.html", "/monitor": "monitor.html"}
-"""Each goes to the other where the state is of the other kind."""
+_FILES: Final = {
+    "/": ("page.html", _HTML),
+    "/monitor": ("monitor.html", _HTML),
+    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+}
+"""By what is asked for. Each page goes to the other where the state is of the other kind."""
 
 
 class PageServer(ThreadingHTTPServer):
@@ -113,9 +118,9 @@ class _Handler(BaseHTTPRequestHandler):
             return
         path, _, number = self.path.partition("?after=")
         match path:
-            case _ if path in _PAGES:
-                page = Path(__file__).with_name(_PAGES[path]).read_bytes()
-                self._answer(page, _HTML)
+            case _ if path in _FILES:
+                name, kind = _FILES[path]
+                self._answer(Path(__file__).with_name(name).read_bytes(), kind)
             case "/about":
                 self._answer(json.dumps(_ABOUT | {"pid": os.getpid()}).encode())
             case "/state":
@@ -265,14 +270,21 @@ def answering(port: int) -> int | None:
 
 
 def _taken(error: Exception | None = None) -> str:
-    more = "" if error is None else f" ({error})"
-    return f"another program has this port{more}: end it, or name another one in {PORT_VARIABLE}"
+    if isinstance(error, OSError) and error.errno != errno.EADDRINUSE:
+        return f"{error.strerror or error}: name another port in {PORT_VARIABLE}"
+    return f"another program has this port: end it, or name another one in {PORT_VARIABLE}"
 
 
 def ensure_page(port: int) -> None:
     """Start this machine's page unless it is there; it stays. Raises InstrumentAbsent where it cannot."""
     if answering(port) is not None:
         return
+    with socket.socket() as trial:  # a port that nobody may have says so at once
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((HOST, port))
+        except OSError as error:
+            raise InstrumentAbsent("live view", f"{HOST}:{port}", _taken(error)) from error
     null = os.open(os.devnull, os.O_RDWR)
     try:
         os.posix_spawn(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import CRANK_SPEED, CYCLE_PEAK, Origin, derived_name
 from daq.log.records import RECORD_END, STOPPING, Event, Impact
+from rig.bounds import nearest
 from rig.live import paths
 from rig.live.picture import Layout
 from rig.live.sketch import FRAMES
@@ -30,6 +31,9 @@ _SHARE: Final = 10
 """Of the time that it took to make one state: so long it waits at least before it makes the next."""
 _TREND_S, _BIN_S = 30.0, 0.25
 _CYCLES: Final = 8
+_SLOWER, _BLOCK_S, _LONGEST_S = 1.2, 0.2, 4.0
+"""The longest cycle in mean ones, and what comes at once: both are kept beside the cycles that are shown, up
+to some seconds, of which many channels fill memory."""
 _CYCLES_A_BIN: Final = 2  # then each has a whole one in it
 _COLUMNS, _FEWEST_COLUMNS = 6000, 40
 """Of all pictures of a cycle together, and of one at least: a browser without a graphics card keeps up."""
@@ -78,8 +82,8 @@ class _Trace:
         """Least and largest in each bin from `first` on, shape (2, count)."""
         return np.array([self._bins.get(first + at, (np.nan, np.nan)) for at in range(count)]).T
 
-    def cycles(self, begin_s: float, cycle_s: float, columns: int) -> tuple[Array, Array] | None:
-        """Least and largest in each column of the newest whole cycle, and of the newest ones together.
+    def cycles(self, begin_s: float, cycle_s: float, columns: int) -> tuple[int, Array, Array] | None:
+        """How many whole cycles there are, least and largest in each column of the newest, and of all.
 
         Both of shape (2, columns). Cycles begin at `begin_s` and every `cycle_s` before and after it.
         """
@@ -96,7 +100,7 @@ class _Trace:
         if not found:
             return None
         every = np.array(found)
-        return every[0], np.stack((np.fmin.reduce(every[:, 0]), np.fmax.reduce(every[:, 1])))
+        return len(found), every[0], np.stack((np.fmin.reduce(every[:, 0]), np.fmax.reduce(every[:, 1])))
 
 
 def _extremes(values: Array, starts: NDArray[np.int64]) -> Array:
@@ -126,7 +130,8 @@ class PageState:
         layout = self._layout
         angles = self._wraps = layout.angles
         self._bin_s = max(_BIN_S, _CYCLES_A_BIN * (layout.cycle_s or 0.0))
-        kept_s = max(1.0, 3.2 * (layout.cycle_s or _NO_CYCLE_S)) + 0.2
+        cycle_s = layout.cycle_s or _NO_CYCLE_S
+        kept_s = max(min((_CYCLES + 1) * _SLOWER * cycle_s, _LONGEST_S), 3 * cycle_s) + _BLOCK_S
         self._traces = {
             (origin, name): _Trace(kept_s, self._bin_s, name in angles)
             for origin, names in layout.origins.items()
@@ -134,7 +139,8 @@ class PageState:
         }
         self._columns = max(_COLUMNS // max(len(self._traces), 1) // 2, _FEWEST_COLUMNS)
         self._columns = min(self._columns, 160)
-        self._grid = 0.0, layout.cycle_s or _NO_CYCLE_S
+        self._grid = 0.0, cycle_s
+        self._banded = 0
         self._recorded = False
         self._drawn_ns: dict[Origin, int] = {}
         self._levels: dict[str, float] = {}
@@ -247,6 +253,8 @@ class PageState:
                 layout.whose(each): list(paths.COLOURS[layout.whose(each)]) for each in layout.origins
             },
             "channels": [self._channel(name, first_bin, bins) for name in layout.units],
+            "cycles": self._banded,
+            "worst": self._worst(),
             "figures": self._figures(),
             "events": list(self._events),
             "dropped": self._dropped,
@@ -254,6 +262,11 @@ class PageState:
             "swept": None if self._swept is None else self._swept._asdict(),
             "sketch": None if self._sketch is None else self._sketch.drawn(self._angles()),
         }
+
+    def _worst(self) -> list[str]:
+        """The channel that has come nearest to what it may reach, and how near; empty without one."""
+        name = nearest(self._most, self._layout.bounds)
+        return [name, self._layout.bounds[name].said(self._most[name])] if name else []
 
     def _newest(self) -> list[float | None]:
         """Unix time, s, of the newest that is drawn, measured and predicted; before it comes, of the levels.
@@ -272,7 +285,8 @@ class PageState:
         for origin in layout.origins:
             trace = self._traces.get((origin, name))
             if trace is not None:
-                cycle, band = trace.cycles(*self._grid, self._columns) or (None, None)
+                many, cycle, band = trace.cycles(*self._grid, self._columns) or (0, None, None)
+                self._banded = max(many, self._banded)
                 trend = trace.trend(first_bin, bins) if trace.rate else None
                 shown.append((layout.whose(origin), [cycle, band, trend]))
         drawn = [each * factor for _, parts in shown for each in parts if each is not None]

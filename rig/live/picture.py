@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 import rerun as rr
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.reader import SURROGATE, Origin
+from rig.bounds import Bounds
 from rig.derived.settings import role_of
 from rig.live import paths
 from rig.live.sketch import Sketch
@@ -27,7 +28,6 @@ from rig.stream import Record
 from sim_twin.rigs.channel_table import Role
 
 if TYPE_CHECKING:
-    from rig.files.scenario import Limit
     from sim_twin.twin import AnyTwin
 
 
@@ -110,20 +110,6 @@ class Picture(Protocol):
     def play(self, stage: Stage) -> Play: ...
 
     def sketch(self, shown: Layout) -> Sketch: ...
-
-
-class Bounds(NamedTuple):
-    """What a channel's magnitude may reach, in its unit: full scale, a warning, the end of the run."""
-
-    range: float | None = None
-    warning: float | None = None
-    abort: float | None = None
-
-
-def bounds_of(ranges: Mapping[str, float | None], limits: Iterable[Limit]) -> dict[str, Bounds]:
-    """Those of the channels with these `ranges`."""
-    told = {limit.channel: (limit.warning, limit.abort) for limit in limits}
-    return {name: Bounds(full, *told.get(name, (None, None))) for name, full in ranges.items()}
 
 
 _POINTS_PER_S = 12_000

@@ -29,8 +29,6 @@ from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.channel_table import Role
 from sim_twin.sensors import SensorChain
 
-UPPER, LOWER = "contact.force_upper", "contact.force_lower"
-
 
 @dataclass(frozen=True, slots=True)
 class Roles:
@@ -178,7 +176,7 @@ class RunRecord:
 
     @property
     def roles(self) -> Roles:
-        """The roles of the channels; of a rig that nobody knows here they are told by their names."""
+        """The roles of the channels; of a rig that nobody knows here, few."""
         kind = RIGS.get(self.facts.rig)
         crank = kind.crank if kind else None
         return Roles(
@@ -186,7 +184,7 @@ class RunRecord:
             marker=crank.marker if crank else "",
             vibration=tuple(name for name in self.channels if not crank or name not in crank.plain),
             unwrapped=frozenset(name for name in self.channels if role_of(name) is Role.ANGLE),
-            stops=(UPPER, LOWER) if kind is None or {UPPER, LOWER} <= set(kind.contacts) else None,
+            stops=kind.stops if kind else None,
             impacts=kind.channels.heard(self.channels) if kind else {},
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -114,40 +114,36 @@ class Closeness:
 
 
 def closeness(run: RunRecord) -> list[Closeness]:
-    """One for each channel that was measured and that moves in either twin; none without a nominal twin."""
-    found: list[Closeness] = []
-    for name in run.channels:
-        measured, nominal = run.traces.get(("measured", name)), run.traces.get(("nominal", name))
-        repaired = run.traces.get(("predicted", name))
-        if measured is None or nominal is None or repaired is None:
-            continue
-        if not (nominal.values.any() or repaired.values.any()):  # a place that stands still in both twins
-            continue
-        spectrum, half = _banded(measured.values, measured), len(measured.values) // 2
-        if (spectrum.density > 0).any():
-            halves = (_banded(part, measured) for part in (measured.values[:half], measured.values[half:]))
-            nominal_db = distance_db(spectrum, _banded(nominal.values, nominal))
-            repaired_db = distance_db(spectrum, _banded(repaired.values, repaired))
-            found.append(Closeness(name, nominal_db, repaired_db, distance_db(*halves)))
-    return found
+    """One for each channel that is compared; none without a nominal twin."""
+    found = _distances(run, ("nominal", "predicted"))
+    return [Closeness(name, nominal, repaired, halves) for name, (nominal, repaired), halves in found]
 
 
 def distance_to(run: RunRecord, origin: Origin) -> tuple[float, float]:
     """How far an origin's autospectra lie from the measured ones, and their halves from another; dB.
 
-    Rms over channels but angles; NaN without one.
+    Rms over the channels that are compared; NaN without one.
     """
-    found: list[tuple[float, float]] = []
-    for name in run.measured:
-        measured, other = run.traces.get(("measured", name)), run.traces.get((origin, name))
-        if measured is None or other is None or name in run.roles.unwrapped:
+    rows = [(*apart_db, halves_db) for _, apart_db, halves_db in _distances(run, (origin,))]
+    both = np.sqrt(np.mean(np.array(rows) ** 2, axis=0)) if rows else (math.nan, math.nan)
+    return float(both[0]), float(both[1])
+
+
+def _distances(run: RunRecord, origins: tuple[Origin, ...]) -> Iterator[tuple[str, tuple[float, ...], float]]:
+    """Each channel with how far these origins lie from it as measured, and its halves from another; dB.
+
+    But for angles, which grow for ever and so are all alike, and for what stands still.
+    """
+    for name, measured in ((name, run.traces.get(("measured", name))) for name in run.channels):
+        traces = [run.traces.get((origin, name)) for origin in origins]
+        others = [trace for trace in traces if trace is not None]
+        if measured is None or len(others) < len(origins) or name in run.still | run.roles.unwrapped:
             continue
         spectrum, half = _banded(measured.values, measured), len(measured.values) // 2
         if (spectrum.density > 0).any():
             halves = (_banded(part, measured) for part in (measured.values[:half], measured.values[half:]))
-            found.append((distance_db(spectrum, _banded(other.values, other)), distance_db(*halves)))
-    both = np.sqrt(np.mean(np.array(found) ** 2, axis=0)) if found else (math.nan, math.nan)
-    return float(both[0]), float(both[1])
+            apart_db = tuple(distance_db(spectrum, _banded(each.values, each)) for each in others)
+            yield name, apart_db, distance_db(*halves)
 
 
 def overall(channels: Sequence[Closeness]) -> Closeness:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 from rig.rigs.kind import RigKind
-from sim_twin.rigs.impact_beam.channels import CHANNELS, stations_of
+from sim_twin.rigs.impact_beam.channels import CHANNELS, LOWER, UPPER, stations_of
 from sim_twin.rigs.impact_beam.model import CHECKS, ImpactBeam, SineDrive, nominal
 
 KIND: Final = RigKind(
@@ -33,5 +33,6 @@ KIND: Final = RigKind(
     ),
     picture="rig.live.rigs.impact_beam:BeamPicture",
     checks=CHECKS,
+    stops=(UPPER.name, LOWER.name),
     equipped=lambda rig, channels: replace(rig, stations=stations_of(channels)),
 )

@@ -43,8 +43,9 @@ class RigKind:
     of [model] that a lab sets between runs on one rig; another value of any other key is another rig.
     `by_hand` are the keys that a person changes between two points of a sweep, each with what to do.
     `variations` are settings for a next experiment, as factors of scenario keys. `equipped(rig, channels)` is
-    the rig with the sensors that a bench has at places of its choice. `picture` shows it, as module:class;
-    empty without one. `package` is where the bench of a run without a file lies, named for the rig (.toml).
+    the rig with the sensors that a bench has at places of its choice. `stops` are the forces on either side
+    of a play, of which half cycles are told. `picture` shows it, as module:class; empty without one.
+    `package` is where the bench of a run without a file lies, named for the rig (.toml).
     """
 
     parameters: type[Any]
@@ -58,6 +59,7 @@ class RigKind:
     picture: str
     checks: tuple[Check, ...] = ()
     extras: tuple[str, ...] = ()
+    stops: tuple[str, str] | None = None
     equipped: Callable[[Any, tuple[str, ...]], Any] = field(default=lambda rig, channels: rig)
     package: str = "rig.rigs"
 

@@ -30,8 +30,9 @@ from rig.session.signals import StopRequest
 from rig.stream import Record
 from rig.twin.chains import declared_by
 from rig.twin.scenario_twin import twin_of
+from sim_twin.rigs.impact_beam.channels import LOWER, UPPER
 
-FORCES: Final = ("contact.force_upper", "contact.force_lower")
+FORCES: Final = UPPER.name, LOWER.name
 _USUAL_PROBES: Final = 18
 _LONGEST_S: Final = 3600.0
 

@@ -21,6 +21,7 @@ from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
 from drivers.protocols.emergency_stop import LOOK_S
+from rig.bounds import bounds_of
 from rig.files.bench import Bench
 from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
@@ -136,8 +137,6 @@ class DrivenRig:
         self.name, self._bench, self._stop = bench.rig, bench, stop
         self.sample_rate = devices.card.sample_rate
         self.names = [channel.name for channel in devices.card.channels]
-        ranges = {each.name: each.range for each in bench.daq_card.channels if not each.counted}
-        self.levels = Levels(self.names, ranges)
         self.watch = Watch(clock)
         actuator = actuator_of(bench.actuator_table)
         self._highest = float(getattr(bench.actuator, actuator.highest))
@@ -235,6 +234,7 @@ class DrivenRig:
             if self.acquisition.records(reading) and enough():
                 self.acquisition.end_record(reading)
 
+        self.levels = Levels(self.names, bounds_of(self._bench.daq_card.ranges, limits))
         card, watched = self.devices.card, LimitWatch(limits, self.sample_rate)
         consumers = (end_with_enough, self._look, self.levels.take, *readers)
         self.acquisition = Acquisition(card, self.clock, self.stream, watched, consumers)

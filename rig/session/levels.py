@@ -1,4 +1,4 @@
-"""How near the channels of a card come to the ends of their ranges."""
+"""How near the channels of a card come to what they may reach."""
 
 from __future__ import annotations
 
@@ -7,29 +7,27 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivers.protocols.card import CardReading
+from rig.bounds import Bounds, nearest
 
 
 class Levels:
-    """Takes readings of the channels `names`; `ranges` are those that have one, in the channel's unit."""
+    """Takes readings of the channels `names`, some of which have `bounds`."""
 
-    def __init__(self, names: Sequence[str], ranges: Mapping[str, float]) -> None:
-        self._rows = [row for row, name in enumerate(names) if name in ranges]
-        self._names = [names[row] for row in self._rows]
-        self._ranges = np.array([ranges[name] for name in self._names])
+    def __init__(self, names: Sequence[str], bounds: Mapping[str, Bounds]) -> None:
+        self._rows = [row for row, name in enumerate(names) if name in bounds]
+        self._names, self._bounds = [names[row] for row in self._rows], bounds
         self.begin()
 
     def begin(self) -> None:
         """Forget what has been reached so far."""
-        self._shares = np.zeros(len(self._rows))
+        self._most = np.zeros(len(self._rows))
 
     def take(self, reading: CardReading) -> None:
         if self._rows:
-            reached = np.abs(reading.values[self._rows]).max(axis=1) / self._ranges
-            self._shares = np.fmax(self._shares, reached)
+            self._most = np.fmax(self._most, np.fmax.reduce(np.abs(reading.values[self._rows]), axis=1))
 
     def worst(self) -> str:
-        """The channel that has come nearest to its range, in words; nothing where none has one."""
-        if not self._rows:
-            return ""
-        row = int(np.argmax(self._shares))
-        return f"{self._names[row]} at {100 * self._shares[row]:.0f} % of its range"
+        """The channel that has come nearest to its limit or range, in words; nothing where none has one."""
+        levels = dict(zip(self._names, self._most.tolist(), strict=True))
+        name = nearest(levels, self._bounds)
+        return name and f"{name} at {self._bounds[name].said(levels[name])}"

@@ -31,6 +31,11 @@ class Work:
     units: float = 1.0
 
 
+def reading(kind: str, *files: Path) -> Work:
+    """The MB of files, of those that are there, as work."""
+    return Work(kind, sum(file.stat().st_size for file in files if file.is_file()) / 1e6)
+
+
 class Paces:
     """What the last works of each kind took; a file that cannot be read or written is as good as none."""
 
@@ -50,7 +55,7 @@ class Paces:
             return
         self._known = known = self._read()  # anew: another command may have kept something
         known[work.kind] = [*known.get(work.kind, []), (work.units, seconds)][-_KEPT:]
-        with suppress(Exception):  # a cache: without a place for it the next work is told of later
+        with suppress(OSError):  # a cache: without a place for it the next work is told of later
             self._file.parent.mkdir(parents=True, exist_ok=True)
             unfinished = self._file.with_name(f".{self._file.name}.{os.getpid()}")
             unfinished.write_text(json.dumps(known), encoding="utf-8")
@@ -59,7 +64,7 @@ class Paces:
     def _read(self) -> dict[str, list[tuple[float, float]]]:
         if self._off:
             return {}
-        with suppress(Exception):  # whatever damage raises: it is measured again
+        with suppress(OSError, ValueError, TypeError, AttributeError, RecursionError):  # it is measured again
             kept = json.loads(self._file.read_text(encoding="utf-8"))
             pairs = {str(kind): [(float(u), float(s)) for u, s in each] for kind, each in kept.items()}
             return {

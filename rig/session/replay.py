@@ -14,6 +14,7 @@ from daq.clock import Clock
 from daq.errors import LogError
 from daq.log.reader import SURROGATE, LogReader, Origin
 from daq.log.records import RANGE, Impact
+from rig.bounds import bounds_of
 from rig.derived.derivation import ORIGINS, derivation_of, derived_channels
 from rig.files.scenario import AcquisitionSection
 from rig.session.on_page import show
@@ -56,7 +57,6 @@ def replay_log(
             scenario = scenario_of(log)
             twin = predicting_twin(log, scenario)
             from rig.live.picture import (
-                bounds_of,
                 layout_of,
                 picture_of,
             )  # only what is shown need load Rerun

@@ -18,6 +18,7 @@ from daq.log.records import RECORD_END
 from daq.quantity import settings_of
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
+from rig.bounds import bounds_of
 from rig.derived.derivation import DerivationProcess, derived_channels
 from rig.files.bench import Bench
 from rig.files.model_file import ModelFile
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
     from rig.live.view import LiveView, Swept
 
 RECORDED = "recorded"
+ENDS, UNTIL_STOPPED = "ends", "until stopped"
+"""In the log's record of a run: that its scenario asks for no time."""
 PRE_TRIGGER_S = 0.05
 """Recorded before a drive that starts from rest, so that the record shows the start."""
 
@@ -268,7 +271,8 @@ class _Run:
         rig.on_stopping = feed.end
         for channel in derived:
             rig.recorder.declare("derived", channel)
-        rig.declare(log.stem, self._scenario.text, self._notes)
+        ends = {ENDS: UNTIL_STOPPED} if self._request.open_ended else {}
+        rig.declare(log.stem, self._scenario.text, {**self._notes, **ends})
         if model is not None:
             rig.recorder.metadata("twin", twin_record(None, model))
         for channel in predicted_channels(twin):
@@ -296,14 +300,13 @@ class _Run:
 
     def _show(self, view: LiveView, twin: AnyTwin, card: list[Channel], derived: list[Channel]) -> Reader:
         """Give the view every record from now on, which it may drop; what is returned shows it the levels."""
-        from rig.live.picture import bounds_of, layout_of, picture_of
+        from rig.live.picture import layout_of, picture_of
         from rig.live.view import Levels
 
         encoder, measured = self._rig.devices.encoder, [*card, *self._rig.devices.logged]
         if encoder is not None:
             measured = [*measured, encoder_channel(encoder)]
-        ranges = {each.name: each.range for each in self._request.bench.daq_card.channels}
-        bounds = bounds_of(ranges, self._scenario.limits)
+        bounds = bounds_of(self._request.bench.daq_card.ranges, self._scenario.limits)
         cycle_s = 1 / self._scenario.drive.cycle_hz
         names = {channel.name for channel in measured}
         predicted = [channel for channel in predicted_channels(twin) if channel.name in names]

@@ -24,7 +24,7 @@ from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import StopRequest
 from rig.stream import Block, Record
-from rig.sweep.plan import Move, Step, connects, left, steps_of, work_of
+from rig.sweep.plan import Move, Step, left, steps_of, work_of
 from rig.sweep.results import outcome_of, swept_so_far, write_results
 from rig.sweep.state import (
     SCHEMA,
@@ -119,7 +119,7 @@ class Sweeping:
         before: Point | None = None
         for index, step in enumerate(todo):
             to_come = [each.point for each in todo[index:]]
-            lasts = left(self._request.sweep, to_come, self._screen.paces, before)
+            lasts = left(self._request.sweep, self._bench, to_come, self._screen.paces, before)
             said = ", ".join(f"{key} {value}" for key, value in step.point.settings.items())
             self._screen.say(f"point {step.point.number} of {count}  {said}  ({lasts} left)")
             for axis in self._request.sweep.axes:
@@ -136,9 +136,8 @@ class Sweeping:
                     self._keep(dataclasses.replace(self._state, by_hand=hands, centre=None))
             began_s = self._clock.monotonic_s()
             self._point(step.point, standing)
-            if not connects(before, step.point):
-                work = work_of(self._request.sweep, step.point)
-                self._screen.paces.took(work, self._clock.monotonic_s() - began_s)
+            work = work_of(self._request.sweep, self._bench, before, step.point)
+            self._screen.paces.took(work, self._clock.monotonic_s() - began_s)
             before = step.point
 
     def _wanted(self, number: int) -> bool:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import datetime
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, starmap
 from typing import Final
 
 from daq.errors import ConfigurationError, Problem
@@ -31,7 +29,7 @@ AROUND_S: Final = 3.0
 """Of each point beside settling and recording, where nothing is known of this machine: ramps, the end of the
 prediction, closing the log."""
 CONNECTING_S: Final = 15.0
-"""Before the first point, and wherever the rig was set otherwise: instruments, twin."""
+"""Before the first point, and where the rig was set otherwise, if nothing is known: instruments, twin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,27 +132,45 @@ def seconds_of(points: Iterable[Point]) -> float:
     )
 
 
-def work_of(sweep: Sweep, point: Point) -> Work:
-    """A point as work, in the seconds that it takes at most."""
-    until = "" if sweep.until is None else f" until {sweep.until.impacts} impacts"
-    return Work(f"point of {sweep.rig}{until}", seconds_of([point]))
+def work_of(sweep: Sweep, bench: Bench, before: Point | None, point: Point) -> Work:
+    """A point as work after the point `before`, in seconds: those that its record is told to take.
+
+    Where impacts end the record, so many cycles. The first on a rig that is connected anew, and maybe
+    centred, is work of another kind.
+    """
+    wanted, until = point.scenario.acquisition, sweep.until
+    record_s = wanted.duration
+    kind = f"point of {sweep.rig} on {'real' if real_instruments(bench) else 'emulated'} instruments"
+    if until is not None:
+        record_s = min(record_s, until.impacts / point.scenario.drive.cycle_hz)
+        kind += " until enough impacts"
+    if connects(sweep, before, point):
+        kind = f"first {kind}{', centred' if sweep.centre else ''}"
+    return Work(kind, seconds_of([point]) - wanted.duration + record_s)
 
 
-def connects(before: Point | None, point: Point) -> bool:
+def connects(sweep: Sweep, before: Point | None, point: Point) -> bool:
     """Whether the rig has to be connected anew after the point `before`."""
-    return before is None or before.scenario.model != point.scenario.model
+    if before is None or before.scenario.model != point.scenario.model:
+        return True
+    return any(before.settings[axis.key] != point.settings[axis.key] for axis in sweep.axes if axis.by_hand)
 
 
-def left(sweep: Sweep, points: Sequence[Point], paces: Paces, before: Point | None = None) -> str:
+def left(
+    sweep: Sweep, bench: Bench, points: Sequence[Point], paces: Paces, before: Point | None = None
+) -> str:
     """How long points of a sweep take after the point `before`, in words.
 
-    By what points took on this machine; else at most, where records may end with enough impacts.
+    By what such points took on this machine; else at most, where records may end with enough impacts.
     """
-    known = [paces.expected_s(work_of(sweep, point)) for point in points]
-    lasts_s = seconds_of(points) if None in known else math.fsum(filter(None, known))
-    connections = sum(starmap(connects, pairwise([before, *points])))
-    at_most = sweep.until is not None and None in known
-    return f"{'at most' if at_most else 'about'} {lasting(lasts_s + connections * CONNECTING_S)}"
+    lasts_s, at_most = 0.0, False
+    for earlier, point in zip([before, *points], points, strict=False):
+        known_s = paces.expected_s(work_of(sweep, bench, earlier, point))
+        at_most = at_most or (known_s is None and sweep.until is not None)
+        if known_s is None:
+            known_s = seconds_of([point]) + connects(sweep, earlier, point) * CONNECTING_S
+        lasts_s += known_s
+    return f"{'at most' if at_most else 'about'} {lasting(lasts_s)}"
 
 
 def real_instruments(bench: Bench) -> tuple[str, ...]:
@@ -181,7 +197,7 @@ def listing(
     if sweep.centre:
         yield "centring   before the first point and after each move by hand"
     open_yet = [point for point in sweep.points if ended.get(point.number, "stopped") == "stopped"]
-    lasts = left(sweep, open_yet, paces)
+    lasts = left(sweep, bench, open_yet, paces)
     sooner = ""
     if sweep.until is not None and lasts.startswith("at most"):
         sooner = f", less where {sweep.until.impacts} impacts come sooner"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -185,8 +186,9 @@ def _both(ended: PointState, mean: str, deviation: str, unit: str) -> str:
 
 
 def _unit_of(sweep: Sweep) -> str:
-    contacts = RIGS[sweep.rig].contacts
-    return (RIGS[sweep.rig].channels.unit(contacts[0]) if contacts else "m/s2") or ""
+    channels = RIGS[sweep.rig].channels
+    heard = [*RIGS[sweep.rig].contacts, *itertools.chain(*channels.heard(channels.told).values())]
+    return (channels.unit(heard[0]) if heard else None) or ""
 
 
 def headings_of(sweep: Sweep) -> list[str]:

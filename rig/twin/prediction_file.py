@@ -61,9 +61,13 @@ def write_prediction(
     return twin
 
 
+TWIN, MODEL = "twin", "model"
+"""A log's metadata record of its twin, and the key of the model that it was matched by."""
+
+
 def twin_record(effects: Path | None, model: ModelFile | None = None) -> dict[str, str]:
     """What a log says of the twin that made its predictions: effects that it was given, its model."""
-    matched = {} if model is None else {"model": model.text}
+    matched = {} if model is None else {MODEL: model.text}
     return {"effects": "[]" if effects is None else read_text(effects), **matched}
 
 

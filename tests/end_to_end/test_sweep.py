@@ -105,7 +105,9 @@ def test_a_sweep_goes_on_at_the_first_point_that_is_not_done(
     assert (stopped.code, again.code) == (130, 0), stopped.err + again.err
     assert "point 2: stopped: stopped by a person; comes again" in again.out
     assert "\npoint 1 of 3" not in again.out
-    (row,) = (line.split() for line in stopped.out.splitlines() if line.startswith("2 ") and "stopped" in line)
+    (row,) = (
+        line.split() for line in stopped.out.splitlines() if line.startswith("2 ") and "stopped" in line
+    )
     assert (folder / "swept" / row[-1]).is_file()  # what was recorded of it
     points = json.loads((folder / "swept" / "sweep.json").read_text())["points"]
     assert [points[number]["outcome"] for number in "123"] == ["done"] * 3

@@ -19,12 +19,13 @@ from rig.live.picture import Layout, OwnViews, Stage, looking
 from rig.live.series import over_time, points_style
 from rig.live.sketch import FRAMES, Line, sketched
 from rig.stream import Record, Shape
+from sim_twin.rigs.impact_beam.channels import LOWER, UPPER
 
 if TYPE_CHECKING:
     from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive
     from sim_twin.twin import Twin
 
-_SIDES = ("contact.force_upper", "contact.force_lower")
+_SIDES = UPPER.name, LOWER.name
 _CLEARANCE_ON_SCREEN = 0.12
 """Half the free motion at the tip, drawn as this share of the beam's length."""
 

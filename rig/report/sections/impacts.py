@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.signals.impacts import COUNTS_FROM
+from rig.derived.settings import role_of
 from rig.pages.content import Figure, Part, Sentence, Table
 from rig.pages.plots import FROM_ZERO, Plots
 from rig.pages.words import as_written, difference, number
 from rig.report.crank_figures import GroupImpacts, impacts_by_group
 from rig.report.record import ORIGINS, RunRecord
 from rig.report.summary import half_cycles_of, mean_and_deviation
+from sim_twin.rigs.channel_table import Role
 
 _ROW_PX = 230
 _COLUMNS = 2
@@ -23,13 +26,10 @@ _COUNTS = (
     f"counts from a rise of {100 * COUNTS_FROM:.0f} % of what is typically the sensor's largest of a cycle, "
     "in the first ten or so as measured, for measured and predicted alike."
 )
-_EXPLANATION = {
-    "N": f"On a force sensor an impact is a blow with its bounces, its peak the largest force; it {_COUNTS}",
-    "m/s2": (
-        "On a frame that rings an impact is a burst, its peak the largest magnitude of acceleration; it "
-        f"{_COUNTS}"
-    ),
-}
+_BLOW = f"On a sensor in a contact an impact is a blow with its bounces, its peak the largest; it {_COUNTS}"
+_BURST = (
+    f"On a frame that rings an impact is a burst, its peak the largest magnitude of any sign; it {_COUNTS}"
+)
 _CAPTION = (
     "Left: a dot each, at the crank angle at which the impact begins. Right: how many begin in each "
     f"{_BIN_DEG}° of a revolution. The crank angle axes move together."
@@ -44,8 +44,8 @@ def parts(run: RunRecord) -> list[Part]:
         return [Sentence("The log holds no impacts.")]
     found = impacts_by_group(run)
     every = [each for by_whose in found.values() for each in by_whose.values()]
-    units = dict.fromkeys(each.unit for each in every)
-    told = [Sentence(_EXPLANATION[unit]) for unit in units if unit in _EXPLANATION]
+    felt = [{role_of(name) is Role.CONTACT for name in run.roles.impacts[group]} for group in found]
+    told = [Sentence(_BLOW if contact else _BURST) for contact in dict.fromkeys(itertools.chain(*felt))]
     figure: Part = Sentence("Nothing told the crank angle of these impacts: neither encoder nor marker.")
     if any(np.isfinite(each.angle_deg).any() for each in every):
         figure = _figure(found)

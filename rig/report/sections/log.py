@@ -14,6 +14,7 @@ from rig.pages.content import Listing, Part, Sentence, Table
 from rig.pages.words import DASH, number
 from rig.report.record import RunRecord
 from rig.twin.chains import scale_of
+from rig.twin.prediction_file import MODEL, TWIN
 
 _MOST_ROWS = 500
 _GRAVITY = 9.80665  # m/s2, 3rd CGPM 1901
@@ -65,7 +66,7 @@ def _listed(found: object) -> str:
     if isinstance(found, dict):
         each = (f"{str(key).replace('_', ' ')}: {_nested(part)}" for key, part in found.items())
         return ", ".join(each)
-    return ", ".join(map(_nested, found)) if isinstance(found, list) else str(found)
+    return ", ".join(map(_nested, found)) or "none" if isinstance(found, list) else str(found)
 
 
 def _nested(found: object) -> str:
@@ -122,11 +123,14 @@ def provenance(run: RunRecord) -> list[Part]:
     rows = [["log", run.path.name], ["log file", state], ["written by", run.library or DASH]]
     for name, record in run.metadata.items():
         if name not in ("scenario", RECORD):  # which stand elsewhere on the page
-            keys = (key for key in record if not key.startswith((CALIBRATED, SENSITIVITY, RANGE)))
+            elsewhere = (CALIBRATED, SENSITIVITY, RANGE, *([MODEL] if name == TWIN else []))
+            keys = (key for key in record if not key.startswith(elsewhere))
             rows += [[f"{name}: {_key(key)}", _in_words(record[key])] for key in keys]
-    facts = Table(("what", "value"), rows, "Log", words=True)
+    facts: list[Part] = [Table(("what", "value"), rows, "Log", words=True)]
+    if model := run.metadata.get(TWIN, {}).get(MODEL):
+        facts += [Sentence("The model that the twin was matched by:"), Listing(model)]
     if not run.channels:
-        return [facts, Sentence("The log holds no channel.")]
+        return [*facts, Sentence("The log holds no channel.")]
     sensors, noted = [], run.metadata.get("run", {})
     for name, channel in run.channels.items():
         tally = run.tallies.get(("measured", name)) or run.tallies.get(("predicted", name))
@@ -136,4 +140,4 @@ def provenance(run: RunRecord) -> list[Part]:
         words = [channel.sensor or DASH, channel.serial or DASH, sensitivity, full_scale, calibrated]
         sensors.append([name, *words, number(tally.sample_rate if tally else None, "Hz")])
     headings = ("channel", "sensor", "serial", "sensitivity", "range", "calibrated", "sample rate")
-    return [facts, Table(headings, sensors, "Sensors", words=True)]
+    return [*facts, Table(headings, sensors, "Sensors", words=True)]

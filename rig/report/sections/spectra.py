@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import ceil, log10
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from rig.report.record import DRAWN, ORIGINS, RunRecord
 
 _ROW_PX = 190
 _BANDS = 500
+_SPECTRUM_DECADES = 10
+"""Further down lie rounding and the feet of filters, which nobody measures."""
 _COLUMNS = 2
 
 
@@ -27,26 +30,34 @@ def parts(run: RunRecord) -> list[Part]:
         return [Sentence("The log holds no samples.")]
     channels = run.roles.vibration
     grid = Plots(rows=-(-len(channels) // _COLUMNS), columns=_COLUMNS, row_px=_ROW_PX)
-    empty = []
+    empty: list[str] = []
+    short: list[str] = []
     for cell, name in enumerate(channels):
         unit = run.unit(name)
         unit = unit if unit.isalpha() else f"({unit or '-'})"
-        y = {"type": "log", "exponentformat": "power", "nticks": 4}
+        traces = {origin: run.written(origin, name) for origin in DRAWN if (origin, name) in run.traces}
+        found = {
+            run.whose(origin): log_bands(autospectrum(trace.values, trace.sample_rate), _BANDS)
+            for origin, trace in traces.items()
+        }
+        y: dict[str, Any] = {"type": "log", "exponentformat": "power", "nticks": 4}
+        densities = np.array([density for each in found.values() for density in each.density if density > 0])
+        if len(densities):  # all, but not what lies too far below the largest
+            high = log10(2.0 * float(densities.max()))
+            y["range"] = [max(log10(float(densities.min()) / 2.0), high - _SPECTRUM_DECADES), high]
         x = {"type": "log", "dtick": 1}
         grid.axes(cell, f"{name}, {unit}²/Hz", "frequency, Hz", x_axis=x, y_axis=y, share_x_with=0)
-        for origin in DRAWN:
-            if (origin, name) not in run.traces:
-                continue
-            trace = run.written(origin, name)
-            spectrum = log_bands(autospectrum(trace.values, trace.sample_rate), _BANDS)
+        for whose, spectrum in found.items():
             heard = spectrum.density > 0
-            grid.line(
-                cell, run.whose(origin), spectrum.frequency_hz[heard], spectrum.density[heard], subject=name
-            )
+            grid.line(cell, whose, spectrum.frequency_hz[heard], spectrum.density[heard], subject=name)
             if not heard.any():
-                empty.append(f"{name} ({run.whose(origin)})")
+                (empty if len(spectrum.density) else short).append(f"{name} ({whose})")
     text = "Welch: Hann window, 0.5 s segments, half overlap, mean removed; averaged over narrow bands."
-    missing = [Sentence(f"Too few samples, or nothing but zeros: {', '.join(empty)}.")] if empty else []
+    missing = [
+        Sentence(f"{why}: {', '.join(of)}.")
+        for why, of in (("Zero throughout", empty), ("Too few samples for a spectrum", short))
+        if of
+    ]
     return [
         Sentence(text),
         *missing,

@@ -170,7 +170,8 @@ def test_impacts_go_by_the_rule_of_this_version_whatever_the_log_counted(
 def test_a_channel_that_is_not_there_is_told_with_what_is_meant(path: Path) -> None:
     log = rattle.open(path)
     with pytest.raises(
-        rattle.RattleError, match=r"run\.mcap: no channel 'base\.aceleration' was measured; did"
+        rattle.RattleError,
+        match=r"no channel 'base\.aceleration' is in it; did you mean base\.acc",
     ):
         log["base.aceleration"]
     with pytest.raises(

@@ -67,7 +67,8 @@ def test_an_effect_on_a_prediction(tmp_path: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "words"), [("first_run", "record.end"), ("sweep", "three-frequencies"), ("diagnosis", "")]
+    ("name", "words"),
+    [("first_run", "record.end"), ("sweep", "three-frequencies"), ("diagnosis", "base.acceleration")],
 )
 def test_those_that_drive_a_rig(tmp_path: Path, name: str, words: str) -> None:
     assert words in executed(ROOT / "docs" / "notebooks" / f"{name}.ipynb", tmp_path, 280)

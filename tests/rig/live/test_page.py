@@ -17,11 +17,12 @@ from playwright.sync_api import Page
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.records import Event
+from rig.bounds import Bounds
 from rig.derived.derivation import Derivation, derived_channels
 from rig.files.scenario import Scenario, parse_scenario
 from rig.live.page_server import PageServer
 from rig.live.page_state import PageState
-from rig.live.picture import Bounds, Picture, layout_of
+from rig.live.picture import Picture, layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.rigs.spatial_slider_crank import SpatialCrankPicture

@@ -13,9 +13,10 @@ import pytest
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.records import RECORD_END, Event, Impact
+from rig.bounds import Bounds
 from rig.live.page_process import records
 from rig.live.page_state import PERIOD_S, PageState
-from rig.live.picture import Bounds, layout_of
+from rig.live.picture import layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.view import Levels, Progress, Swept
@@ -77,6 +78,20 @@ def test_the_newest_whole_cycle_is_shown_and_those_before_it_as_a_band(told: Tol
     lowest, highest = in_units(told.newest(), 1)
     assert highest.max() == pytest.approx(13.0, abs=0.05)
     assert lowest[-1] == pytest.approx(10.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("cycle_s", "shown"), [(0.05, 8), (0.3, 8), (1.0, 4)])
+def test_the_band_is_of_so_many_cycles_as_is_said(cycle_s: float, shown: int) -> None:
+    told, ten = Told(), 10 * cycle_s
+    told.state.take(layout_of("run", [FORCE], [], cycle_s=cycle_s))
+    times = np.arange(round(ten * RATE)) / RATE
+    number = np.floor(times / cycle_s + 1e-9)
+    for first in range(0, len(times), 1000):  # as a card gives them
+        told.state.take(Block("measured", block(number[first : first + 1000], first)))
+    state = told.newest()
+    assert state["cycles"] == shown
+    lowest, highest = in_units(state, 1)
+    assert (lowest.min(), highest.max()) == pytest.approx((10 - shown, 9), abs=0.05)
 
 
 def test_cycles_begin_where_those_of_the_log_do(told: Told) -> None:

@@ -15,7 +15,8 @@ from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError
 from daq.log.reader import LogReader
 from daq.log.writer import LogWriter
-from rig.live.picture import Bounds, Layout
+from rig.bounds import Bounds
+from rig.live.picture import Layout
 from rig.live.view import LiveView
 from rig.session.overlay import overlay_run
 from rig.session.replay import ShapeFollower, replay_log

@@ -213,7 +213,7 @@ def test_points_share_what_is_connected_until_somebody_reaches_into_the_rig(
 def test_what_a_point_took_says_how_long_the_others_take(
     trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But for one before which the rig was connected."""
+    """One before which the rig was connected says it of such ones."""
     monkeypatch.setenv("RATTLE_PACES", "1")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr("rig.session.pace._PROJECT", tmp_path)
@@ -224,6 +224,9 @@ def test_what_a_point_took_says_how_long_the_others_take(
     assert "(about 30 s left)" in told[0]
     assert "(about 10 s left)" in told[1]
     assert "(about 0 s left)" in told[2]
+    trial.folder = tmp_path / "once more"
+    trial.call(Runs())
+    assert "(about 0 s left)" in next(line for line in trial.said.splitlines() if line.startswith("point "))
 
 
 def test_nothing_moves_where_nobody_confirms(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
