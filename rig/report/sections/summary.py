@@ -215,8 +215,10 @@ def _channel_table(run: RunRecord) -> Table:
         lost = [measured.overloaded_blocks, measured.missing] if measured else [DASH, DASH]
         rows.append([name, as_written(unit)[1] or DASH, *figures, *map(str, lost)])
     still = [name for name in run.channels if name in run.still & run.measured.keys()]
-    noise = f"; the twin says 0 of {listed(still)}, whose sensor shows no more than its noise"
-    return Table(headings, rows, "Channels" + (noise if still else ""))
+    caption = "Channels"
+    if still:
+        caption += f"; the twin says 0 of {listed(still)}, whose sensor shows no more than its noise"
+    return Table(headings, rows, caption)
 
 
 def _value(trace: Tally | None, name: str, unit: str) -> str:
