@@ -16,7 +16,7 @@ import rattle
 from rig.commands.cli import FAILED, WRONG_USE
 from tests.fake_packages import install
 from tests.own_rigs.conftest import TIMES, bouncing_ball
-from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.browser import browser_page, faults_of_report, needs_chromium
 from tests.rig.commands.cli import Call, caller
 
 CODE = bouncing_ball()
@@ -80,6 +80,7 @@ def test_the_rig_of_the_page_is_diagnosed_and_reported(call: Call, folder: Path)
     assert min(again.values()) >= 2
     effects = json.loads((folder / "answer" / "effects.json").read_text())
     assert [each["name"] for each in effects] == ["drag"]
+    assert faults_of_report(folder / "answer" / "report.html") == []
     with browser_page() as page:
         page.goto((folder / "answer" / "report.html").as_uri())
         page.wait_for_function("[...document.querySelectorAll('.plot')].every(plot => plot.calcdata)")

@@ -59,6 +59,20 @@ def faults_of_texts(page: Page, places: str) -> list[str]:
     return faults
 
 
+def faults_of_report(html: Path, texts: int = 20) -> list[str]:
+    """Those of a page with plots of more than so many `texts`, at every size; pictures lie beside it."""
+    with browser_page() as page:
+        for width, height in SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            page.goto(html.as_uri())
+            page.wait_for_function("[...document.querySelectorAll('.plot')].every(plot => plot.calcdata)")
+            page.screenshot(path=html.with_suffix(f".{width}.png"), full_page=True)
+            assert page.locator("svg text").count() > texts
+            if faults := faults_of_texts(page, "section, header, nav"):
+                return faults
+    return []
+
+
 @contextmanager
 def browser_page() -> Iterator[Page]:
     with sync_playwright() as playwright:

@@ -29,7 +29,7 @@ from sim_twin.diagnosis.gap import FARTHEST
 from sim_twin.diagnosis.latent_force import DISPLACEMENT, TIME, VELOCITY, Curve, LatentForce
 from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.effects import Parameter
-from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.browser import browser_page, faults_of_report, needs_chromium
 
 UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 COLUMNS = Columns((UPPER, LOWER, "drive.force"), (UPPER, LOWER), 20.0, 25_600.0)
@@ -371,6 +371,15 @@ def test_every_plot_is_drawn_and_nothing_is_fetched(tmp_path: Path) -> None:
     assert wide <= 1200
     assert complaints == []
     assert fetched == [path.as_uri()]
+
+
+@pytest.mark.long
+@pytest.mark.browser
+@needs_chromium
+def test_no_text_of_a_diagnosis_is_cut_or_lies_on_another(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_report(path, Case(findings(0.01, 0.96, 0.03), DIAGNOSIS, RUNS, [], folder=path.parent))
+    assert faults_of_report(path) == []
 
 
 def test_a_latent_force_is_told_and_drawn_where_it_is_largest() -> None:

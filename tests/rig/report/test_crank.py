@@ -33,7 +33,7 @@ from rig.report.sections.summary import parts as summary_parts
 from rig.rigs import RIGS
 from rig.session.progress import Screen, Terminal
 from rig.stream import Block
-from tests.rig.browser import needs_chromium
+from tests.rig.browser import faults_of_report, needs_chromium
 from tests.rig.derived.turning import BLOW_AT, CHANNELS, RATE, encoder_rad, turns
 from tests.rig.report import crank_run
 from tests.rig.report.test_page_in_browser import opened
@@ -405,6 +405,18 @@ def test_every_plot_holds_both(run: RunRecord, spatial: RunRecord, tmp_path: Pat
             assert {"measured", "predicted"} <= names, plot
         assert complaints == []
         assert fetched == [html.as_uri()]
+
+
+@pytest.mark.long
+@pytest.mark.browser
+@needs_chromium
+def test_no_text_of_a_cranks_report_is_cut_or_lies_on_another(
+    run: RunRecord, spatial: RunRecord, tmp_path: Path
+) -> None:
+    for each in (run, spatial):
+        html = tmp_path / f"{each.roles.marker}.html"
+        html.write_text(render(each), encoding="utf-8")
+        assert faults_of_report(html) == []
 
 
 def test_each_angle_tells_how_far_it_lies_from_where_it_is_predicted(run: RunRecord) -> None:

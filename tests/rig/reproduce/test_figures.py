@@ -20,7 +20,7 @@ from rig.reproduce.figures import ibs_rigid
 from rig.reproduce.page import FIGURES, Reproduced, compute, compute_all
 from rig.surrogates.recordings import PAPER, QUICK_SECONDS, Setting
 from sim_twin.rigs.planar_slider_crank.channels import ANGLE
-from tests.rig.browser import browser_page, needs_chromium
+from tests.rig.browser import browser_page, faults_of_report, needs_chromium
 from tests.rig.surrogates.crank_logs import shown, write_recordings
 
 # All figures are 40 s of a core; on a cold cache every kernel of three rigs is compiled first.
@@ -239,6 +239,7 @@ def test_every_plot_is_drawn_and_nothing_is_fetched(quick_figures: list[Reproduc
         rows = opened.locator("#summary tbody tr:not(.figure)").count()
     assert complaints == []
     assert fetched == [html.as_uri()]
+    assert faults_of_report(html) == []
     expected = [part for each in quick_figures for part in each.outcome.parts if part.kind == "figure"]
     assert len(plots) == len(expected)
     assert all(traces and all(count > 0 for _, count in traces) for traces in plots)
