@@ -89,18 +89,23 @@ def load_pair(load: Callable[[Path], _Wanted], file: Path, bench_file: Path | No
 
 
 def overrides(texts: list[str]) -> Iterator[tuple[str, object]]:
-    """What --set says, by key: a value as TOML has it, or a text, for a shell takes its quotes away."""
-    import tomllib
-
+    """What --set says, by key."""
     for text in texts:
         key, mark, value = text.partition("=")
         key, value = key.replace('"', "").strip(), value.strip()
         if not mark or not key or not value:
             raise typer.BadParameter(f'--set {text}: KEY=VALUE, such as drive.frequency="21 Hz"')
-        try:
-            yield key, tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            yield key, value
+        yield key, as_toml(value)
+
+
+def as_toml(text: str) -> object:
+    """A value as TOML has it, or a text, for a shell takes its quotes away."""
+    import tomllib
+
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
 
 
 def noted(texts: list[str]) -> Iterator[tuple[str, object]]:

@@ -21,6 +21,7 @@ from rig.commands.arguments import (
     Live,
     Model,
     ScenarioFile,
+    as_toml,
     load_pair,
     noted,
     once,
@@ -69,7 +70,7 @@ def run(
     screen = Screen(Terminal(stderr=as_json))
     given = [*noted(note or []), *overrides(settings or [])]
     if duration is not None:
-        given += [("acquisition.duration", duration)]
+        given.append(("acquisition.duration", as_toml(duration)))
     changed = once(given)
     scenario, bench = load_pair(partial(load_scenario, settings=changed), scenario_file, bench_file)
     open_ended = until_stopped and "acquisition.duration" not in changed

@@ -89,6 +89,10 @@ def test_a_folder_on_a_disk_that_takes_nothing_is_refused(call: Call) -> None:
             ("--set", "acquisition.duration=2 s", "--duration", "3 s"),
             "acquisition.duration has two values, 2 s and 3 s; name one",
         ),
+        (
+            ("--note", "operator=Ada", "--set", "notes.operator=Bert"),
+            "notes.operator has two values, Ada and Bert; name one",
+        ),
         (("--duration", "3 N"), 'acquisition.duration = "3 N": '),
         (("--duration", "0", "--until-stopped"), "acquisition.duration = 0: "),
     ],
@@ -109,7 +113,7 @@ def test_a_setting_that_cannot_be_is_refused_with_what_may_stand_there(
         (["operator"], "KEY=TEXT"),
         (["operator="], "KEY=TEXT"),
         (["a.b=c"], "KEY=TEXT"),
-        (["operator=Ada", "operator=Bert"], "operator comes twice"),
+        (["operator=Ada", "operator=Bert"], "notes.operator has two values, Ada and Bert; name one"),
         (["my key=c"], "a key of letters, digits"),
     ],
 )
