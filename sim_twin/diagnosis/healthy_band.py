@@ -109,18 +109,22 @@ def healthy_band(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> Hea
             for number, blocks in enumerate(healthy)
         ]
     )
-    typical, spread = _normal(figures)
+    measure = gap_measure(healthy, layout)
+    gaps = len(_places(layout))
+    besides = np.concatenate([np.zeros(gaps), _between_programs(measure)])
+    typical, spread = _normal(figures, besides)
     off = (figures - typical) / spread
     # as a run is held against all: by a mean and deviation that it is in itself, a rig lies nearer
-    beside = np.array([_beside_the_others(figures, number) for number in range(len(figures))])
-    gaps = len(_places(layout))
+    beside = np.array([_beside_the_others(figures, number, besides) for number in range(len(figures))])
     alike = _most(off, gaps) < _ALONE
     most = _most(beside, gaps)
     limits = np.where(alike, most[alike].max(initial=0.0), _most(off, gaps))
+    # a floor is what rigs or careful programs differ by; of what hardly scatters simulated rigs do not show it
+    limits[:gaps] = np.maximum(limits[:gaps], -typical[:gaps] / spread[:gaps])
     with np.errstate(invalid="ignore"):  # of a figure that is the same in all
         skewed = jarque_bera(off[:, gaps:], axis=0).pvalue < _NORMAL
     limits[gaps:][skewed | ~alike[gaps:]] = np.inf
-    return HealthyBand(gap_measure(healthy, layout), typical, spread, limits, len(healthy))
+    return HealthyBand(measure, typical, spread, limits, len(healthy))
 
 
 def _most(off: Array, gaps: int) -> Array:
@@ -128,13 +132,15 @@ def _most(off: Array, gaps: int) -> Array:
     return np.concatenate([off[:, :gaps].max(axis=0), np.abs(off[:, gaps:]).max(axis=0)])
 
 
-def _normal(figures: Array) -> tuple[Array, Array]:
-    return figures.mean(axis=0), np.maximum(figures.std(axis=0, ddof=1), _LEAST_SPREAD)
+def _normal(figures: Array, besides: Array) -> tuple[Array, Array]:
+    """Mean, and the deviation of rigs and of what comes `besides`."""
+    deviation = np.hypot(figures.std(axis=0, ddof=1), besides)
+    return figures.mean(axis=0), np.maximum(deviation, _LEAST_SPREAD)
 
 
-def _beside_the_others(figures: Array, number: int) -> Array:
+def _beside_the_others(figures: Array, number: int, besides: Array) -> Array:
     """How many deviations one rig lies off the mean of the others."""
-    mean, deviation = _normal(np.delete(figures, number, axis=0))
+    mean, deviation = _normal(np.delete(figures, number, axis=0), besides)
     return np.asarray((figures[number] - mean) / deviation)
 
 
@@ -163,13 +169,24 @@ def _figures(measure: GapMeasure, blocks: NDArray[np.floating]) -> Array:
 
 def _levels(measure: GapMeasure, blocks: NDArray[np.floating]) -> Array:
     """Means over all numbers of a kind, in floors."""
-    layout = measure.layout
-    floors = np.repeat(measure.floor, np.diff(layout.starts))
+    floors = np.repeat(measure.floor, np.diff(measure.layout.starts))
     off = (np.mean(blocks, axis=0, dtype=np.float64) - measure.twin) / floors
+    return _by_kind(measure.layout, off)
+
+
+def _between_programs(measure: GapMeasure) -> Array:
+    """What two careful programs may differ by in all numbers of a kind together: half of their tolerance."""
+    layout = measure.layout
+    share = np.sqrt(0.5) * np.array([cell.tolerance for cell in layout.cells]) / measure.floor
+    return _by_kind(layout, np.repeat(share, np.diff(layout.starts)))
+
+
+def _by_kind(layout: Layout, numbers: Array) -> Array:
+    """Means over all numbers of a level."""
     kinds = {kind: number for number, kind in enumerate(_kinds(layout))}
     owners = np.array([kinds[c.channel, c.what] if _has_level(c) else -1 for c in layout.of_numbers])
     counts = np.bincount(owners[owners >= 0], minlength=len(kinds))
-    return np.asarray(np.bincount(owners[owners >= 0], off[owners >= 0], len(kinds)) / counts)
+    return np.asarray(np.bincount(owners[owners >= 0], numbers[owners >= 0], len(kinds)) / counts)
 
 
 def _gaps(measure: GapMeasure, cells: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -46,6 +48,16 @@ def test_a_run_as_far_off_as_one_of_the_healthy_rigs_lies_within(off: float) -> 
     rigs[5] += off
     places = healthy_band(rigs, LAYOUT).places(rig(np.random.default_rng(9)) + off)
     assert not any(place.beyond for place in places)
+
+
+@pytest.mark.parametrize(("off", "beyond"), [(0.1, False), (-0.15, False), (1.5, True)])
+def test_what_two_careful_programs_differ_by_is_no_level_that_is_off(off: float, beyond: bool) -> None:
+    """Of a marker's pulses, say, which hardly scatter from rig to rig."""
+    layout = Layout(tuple(replace(cell, tolerance=0.2) for cell in LAYOUT.cells))
+    rng = np.random.default_rng(4)
+    still = [5.0 + 0.001 * rng.normal(size=(BLOCKS, layout.size)) for _ in range(RIGS + 1)]
+    places = healthy_band(still[1:], layout).places(still[0] + off)
+    assert any(place.beyond for place in places) == beyond
 
 
 def test_what_is_off_is_named_with_its_channel_and_its_worst_cell(band: HealthyBand) -> None:
