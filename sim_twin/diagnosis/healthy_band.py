@@ -119,7 +119,7 @@ def healthy_band(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> Hea
     alike = _most(off, gaps) < _ALONE
     most = _most(beside, gaps)
     limits = np.where(alike, most[alike].max(initial=0.0), _most(off, gaps))
-    # a floor is what rigs or careful programs differ by; of what hardly scatters simulated rigs do not show it
+    # a floor is what careful programs differ by, too: of what hardly scatters, rigs alone do not show it
     limits[:gaps] = np.maximum(limits[:gaps], -typical[:gaps] / spread[:gaps])
     with np.errstate(invalid="ignore"):  # of a figure that is the same in all
         skewed = jarque_bera(off[:, gaps:], axis=0).pvalue < _NORMAL
