@@ -43,7 +43,7 @@ _DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, Runtime
 def kept_arrays(file: Path) -> dict[str, NDArray[Any]] | None:
     """The arrays of a file of the cache; None where there is none, or a damaged one."""
     try:
-        with np.load(file) as kept:
+        with file.open("rb") as opened, np.load(opened) as kept:  # by name a damaged one would stay open
             return {name: kept[name] for name in kept.files}
     except _DAMAGE:
         return None
