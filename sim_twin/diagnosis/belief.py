@@ -161,6 +161,8 @@ def largest(attribution: Attribution, hypothesis: Hypothesis, values: Array) -> 
 
 def contributions(attribution: Attribution, hypothesis: Hypothesis, values: Array) -> dict[Cause, float]:
     """Share of each cause in a hypothesis's response, by squares."""
+    if len(hypothesis) == 1:
+        return {hypothesis[0]: 1.0}
     sizes = {}
     for cause, at in zip(hypothesis, parts_of(hypothesis), strict=True):
         mean, _ = attribution.response((cause,), values[None, at])

@@ -38,6 +38,9 @@ _SIMULATING = 0.58
 """Of a budget; the rest goes into what is made of it."""
 _CORES = 2
 _LEAST_MOTIONS, _MOST_MOTIONS = 120, 3000
+_A_SECOND = 6.0
+"""Motions for each second of a budget, where more would fit in: about as many as three runs have had. What
+they leave unsure, more of them hardly told."""
 _JUDGED = 4
 _CONFIRMING = 3
 """One in so many motions of the judging goes into rigs as the best hypothesis says."""
@@ -63,7 +66,7 @@ def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     """What fits into `budget_s` seconds of two cores by the rig's rated speed; the same on every machine."""
     seconds = sum(run.samples(1) / run.columns.rate + run.settle for run in campaign.runs)
     rated = campaign.runs[0].twin.model.speed
-    motions = _SIMULATING * budget_s * _CORES * rated / seconds
+    motions = min(_SIMULATING * budget_s * _CORES * rated / seconds, _A_SECOND * budget_s)
     motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
     judge = max(36, motions // 6)
     return Effort(motions - judge, judge)
@@ -96,7 +99,10 @@ def diagnose(
     left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
     belief = belief_of(attribution, ranked, left, searched)
     fitted_to, judged_on = halves(measured)
-    candidates = [each for each in ranked if each.hypothesis][:_JUDGED]
+    simulated = (
+        each for each in ranked if all((cause,) in attribution.emulators for cause in each.hypothesis)
+    )
+    candidates = [each for each in simulated if each.hypothesis][:_JUDGED]
     judging = effort.judge - effort.judge // _CONFIRMING
     fits = refitted(candidates, attribution, fitted_to, rng)
     repaired = repaired_twins(fits, judging, execute, rng)
@@ -142,7 +148,7 @@ def diagnose(
         left=left,
         runner_up=None if runner_up is None else (runner_up, repaired[runner_up].mean(axis=0)),
         contrasts=rival,
-        alone=alone(search, tuple(fits), selected or next(iter(fits), ()), measured, searched),
+        alone=alone(search, tuple(fits), selected or next(iter(fits), ()), searched),
         searched=searched,
     )
 

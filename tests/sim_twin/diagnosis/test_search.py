@@ -240,7 +240,7 @@ def test_where_most_simulations_fail_more_time_is_no_advice() -> None:
         diagnose(TOY, recording((), OF_RECORDINGS), EFFORT, failing, 0)
 
 
-def test_the_search_spends_the_motions_that_it_was_given() -> None:
+def motions_of(effects: Sequence[Named], seed: int = 0) -> int:
     motions = 0
 
     def counted(draws: Sequence[Draw]) -> list[Observed]:
@@ -248,9 +248,15 @@ def test_the_search_spends_the_motions_that_it_was_given() -> None:
         motions += len(draws)
         return TOY.observe(draws)
 
-    search(recording(one("left", 2.0), OF_RECORDINGS), 0, counted).run()
+    search(recording(effects, OF_RECORDINGS + seed), seed, counted).run()
+    return motions
+
+
+def test_the_search_stops_when_it_is_sure_and_spends_what_it_was_given_when_it_is_not() -> None:
     # each of four later rounds may round up by a few for every effect that it believes in
-    assert 0.9 * EFFORT.search <= motions <= 1.1 * EFFORT.search
+    for unsure in (one("strange", 3.0), one("aspect", 2.0)):
+        assert 0.9 * EFFORT.search <= motions_of(unsure) <= 1.1 * EFFORT.search
+    assert motions_of(one("left", 2.0)) < 0.75 * EFFORT.search
 
 
 def test_a_quantile_is_where_so_much_of_the_weight_lies_below() -> None:
