@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -25,8 +25,10 @@ from rig.files.quantity import si_factor
 from rig.files.scenario import MOST_TIMES
 from rig.files.table import NOTHING, read_table, read_values, unknown_keys
 from rig.rigs import RIGS
-from sim_twin.diagnosis.discrepancy import Discrepancy
 from sim_twin.healthy import Matched
+
+if TYPE_CHECKING:
+    from sim_twin.diagnosis.discrepancy import Discrepancy
 
 _KEYS = ("rig", "runs", "scenarios", "model", "identified", "tolerances", "discrepancies")
 _MOST, _MOST_DISCREPANCIES = 400, 4000
@@ -166,6 +168,8 @@ def _discrepancies(tables: object, faults: Faults) -> Iterator[Discrepancy]:
     if not isinstance(tables, list) or len(tables) > _MOST_DISCREPANCIES:
         faults.add("discrepancies", tables, f"tables [[discrepancies]], up to {_MOST_DISCREPANCIES}")
         return
+    from sim_twin.diagnosis.discrepancy import Discrepancy  # a run without a model needs no diagnosis
+
     for index, table in enumerate(tables):
         section = read_table(_DiscrepancySection, table, f"discrepancies[{index + 1}]", faults)
         if section is not None:

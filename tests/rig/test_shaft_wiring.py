@@ -42,7 +42,7 @@ def test_the_driver_gets_what_the_bench_says() -> None:
     assert (settings.answer_s, settings.poll_s, settings.silent_s, settings.unattended_s) == (
         0.2,
         0.1,
-        0.8,
+        0.7,
         5,
     )
 

@@ -47,7 +47,7 @@ def test_inverter_is_read_in_si() -> None:
     assert (inverter.answer_s, inverter.poll_s, inverter.silent_s, inverter.unattended_s) == (
         0.2,
         0.1,
-        0.8,
+        0.7,
         5.0,
     )
 
