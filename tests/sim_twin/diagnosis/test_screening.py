@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from sim_twin.diagnosis import search
+from sim_twin.diagnosis.fingerprint import SLICES
 from sim_twin.diagnosis.library import Library, order_of
 from sim_twin.diagnosis.screening import Screening, layout_of, numbers_of
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.effects import Parameter
 from tests.sim_twin.diagnosis.test_arguments import HALF, RIG, TwoRuns
-from tests.sim_twin.diagnosis.toy import CAUSES, GAIN, LEFT, RIGHT, SLICES, recording
+from tests.sim_twin.diagnosis.toy import CAUSES, GAIN, LEFT, RIGHT, recording
 
 MOTIONS = 260
 
