@@ -3,9 +3,10 @@
 Runs `rattle run --live` on the emulated beam with 16 channels and then with 64, or as many as are asked for,
 and opens the address that it prints, as soon as it does, in Chromium, which draws in software. Prints: from
 the address to the first picture; how far behind the newest sample that the run had, and behind the newest
-predicted one, the page was each time it had drawn, while the run recorded, and how far behind the clock,
-which counts what emulates the card as well; in the middle of the record, texts that are cut or lie on each
-other, and channels that have all their traces. Run and browser share this machine's cores.
+predicted one, the page was each time it had drawn, while the run recorded, and how far behind the clock, to
+which the bar is held: it counts what emulates the card as well; in the middle of the record, texts that are
+cut or lie on each other, and channels that have all their traces. Run and browser share this machine's
+cores.
 """
 
 from __future__ import annotations
@@ -152,10 +153,12 @@ def _report(looks: list[Look], first_s: float, came: Mapping[Origin, NDArray[np.
         drawn_s, clock_s = drawn.T
         had = np.maximum(np.searchsorted(came[origin][0], drawn_s, side="right") - 1, 0)
         behind = came[origin][1][had] - (drawn_s - clock_s)
-        late = f"95 % {np.quantile(behind, 0.95):.2f} s, largest {behind.max():.2f} s (bar {BEHIND_S:g})"
-        clock = f"behind the clock {np.median(clock_s):.2f} s, largest {clock_s.max():.2f} s"
+        late = f"95 % {np.quantile(behind, 0.95):.2f} s, largest {behind.max():.2f} s"
+        clock = (
+            f"behind the clock {np.median(clock_s):.2f} s, largest {clock_s.max():.2f} s (bar {BEHIND_S:g})"
+        )
         print(f"{name:<25} median {np.median(behind):.2f} s, {late}; {clock}")
-        most_s = max(most_s, float(behind.max()))
+        most_s = max(most_s, float(clock_s.max()))
     return int(first_s > FIRST_S or most_s > BEHIND_S)
 
 

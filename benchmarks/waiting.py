@@ -57,24 +57,10 @@ sample_rate = "25.6 kHz"
 settle = "1 s"
 duration = "{seconds:g} s"
 """
-POINTS_OF_TWO = """\
-[sweep]
-name = "two points of {seconds:g} s"
-[scenario]
-rig = "impact_beam"
-[scenario.drive]
-frequency = "20 Hz"
-[scenario.acquisition]
-sample_rate = "51.2 kHz"
-settle = "0.5 s"
-duration = "{seconds:g} s"
-[axes]
-"drive.amplitude" = {{ from = "8 N", to = "10 N", steps = 2 }}
-"""
 SWEEP = """\
 [sweep]
-name = "27 points"
-until = { impacts = 15, longest = "20 s" }
+name = "{steps} points"
+{until}
 [scenario]
 rig = "impact_beam"
 [scenario.drive]
@@ -82,9 +68,11 @@ frequency = "20 Hz"
 [scenario.acquisition]
 sample_rate = "51.2 kHz"
 settle = "0.5 s"
+{duration}
 [axes]
-"drive.amplitude" = { from = "7 N", to = "11 N", steps = 27 }
+"drive.amplitude" = {{ from = "7 N", to = "11 N", steps = {steps} }}
 """
+UNTIL: Final = 'until = { impacts = 15, longest = "20 s" }'
 
 
 def rattle(folder: Path, *arguments: object) -> tuple[str, float]:
@@ -113,7 +101,7 @@ def commands(folder: Path, size: float) -> Iterator[tuple[object, ...]]:
     large, table = folder / f"large {size:g}.mcap", folder / f"table {size:g}.csv"
     drawn, log = folder / f"drawn {size:g}.mcap", folder / f"run {size:g}.mcap"
     swept = folder / f"sweep {size:g}.toml"
-    swept.write_text(POINTS_OF_TWO.format(seconds=2 * size))
+    swept.write_text(SWEEP.format(steps=2, until="", duration=f'duration = "{2 * size:g} s"'))
     yield "run", beam, "--out", folder / "runs"
     yield "sweep", swept, "--out", folder / f"swept {size:g}"
     yield "predict", beam, "--seed", 1, "--out", drawn
@@ -173,7 +161,7 @@ def told(folder: Path) -> bool:
 
 def sweep(folder: Path) -> bool:
     """Print what a point takes beside its record; whether that is little enough."""
-    (folder / "sweep.toml").write_text(SWEEP)
+    (folder / "sweep.toml").write_text(SWEEP.format(steps=POINTS, until=UNTIL, duration=""))
     _, wall_s = rattle(folder, "sweep", folder / "sweep.toml", "--out", folder / "swept")
     recorded_s = 0.0
     logs = sorted((folder / "swept").glob("point-*/*.mcap"))

@@ -52,7 +52,8 @@ def model_of(folder: Path, reference: Reference, effort: float = 1.0) -> Path | 
     lab = _calibrated(folder, reference.lab[0], reference.lab, ("--spread", *rigs))
     if lab is None:
         return None
-    return _calibrated(folder, reference.same_rig, (reference.same_rig,), ("--model", str(lab), *rigs))
+    known = ("--model", str(lab), "--known-healthy")
+    return _calibrated(folder, reference.same_rig, (reference.same_rig,), (*known, *rigs))
 
 
 def logs_of(folder: Path, name: str) -> list[Path]:

@@ -71,7 +71,7 @@ class LogWriter:
         self._open = True
         try:
             self._guard(lambda: self._writer.start(profile="", library=self._library))
-            self._checksum()
+            self._seal()
         except RecorderFailed:
             self.close()
             raise
@@ -92,7 +92,7 @@ class LogWriter:
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Add a metadata record (`scenario`, `run`)."""
         self._guard(lambda: self._writer.add_metadata(name, dict(record)))
-        self._checksum()
+        self._seal()
 
     def add_block(self, origin: str, block: SampleBlock, host_ns: int) -> None:
         """Add samples of a declared channel; `host_ns` is when the host had them (Unix epoch)."""
@@ -269,11 +269,11 @@ class LogWriter:
 
     def _end_chunk(self) -> None:
         self._guard(self._writer.flush)
-        self._checksum()
+        self._seal()
         self._chunk_opened_ns = 0
 
-    def _checksum(self) -> None:
-        """Of all so far, which goes to the system and outlives this process: what tells of a run comes first.
+    def _seal(self) -> None:
+        """A checksum of all so far, which goes to the system, so that it outlives this process.
 
         Between two of them each record can be checked alone.
         """

@@ -151,7 +151,7 @@ class PositionStream:
             self._gaps = Gaps()
             self._counts = PositionStatistics()
             self._enqueued = 0
-            self._set_back_s = 0.0
+            self._set_by_s = 0.0
             self._suspect = self._unsure = self._operational = False  # overrun not told yet; numbers; node
             self._wanted = 1  # how many the reader waits for: it is not woken before
             self._beat_limit_s = HEARTBEATS_MISSED * heartbeat_s
@@ -271,14 +271,15 @@ class PositionStream:
             )
             self._note(placed.frame.arrival_s, "warning", "encoder.numbering", text)
         self._unsure = not placed.certain
+        by_one_clock = self._by_one_clock(placed)  # also of what is lost below: later times hang on it
         if len(self._queue) >= self._capacity:  # bounded: who does not read must not fill the memory
             if self._gaps.not_read():
                 text = f"positions are lost: nobody read for {self._settings.buffer_s:g} s"
                 self._note(placed.frame.arrival_s, "error", "encoder.overrun", text)
             self._count("queue_overruns")
             return
-        self._queue.append(self._by_one_clock(placed))
         self._gaps.keep(placed)
+        self._queue.append(by_one_clock)
         self._enqueued += 1
         if len(self._queue) >= self._wanted:
             self._changed.notify_all()
@@ -291,8 +292,8 @@ class PositionStream:
         last, frame = self._gaps.last, placed.frame
         if last is not None and placed.stepped and placed.certain:
             passed_s = (placed.number - last.number) * self._settings.period_s
-            self._set_back_s += frame.timestamp_s - last.frame.timestamp_s - passed_s
-        return placed._replace(frame=frame._replace(timestamp_s=frame.timestamp_s - self._set_back_s))
+            self._set_by_s += frame.timestamp_s - last.frame.timestamp_s - passed_s
+        return placed._replace(frame=frame._replace(timestamp_s=frame.timestamp_s - self._set_by_s))
 
     def _heartbeat(self, message: can.Message, arrival_s: float) -> None:
         try:

@@ -153,6 +153,8 @@ def calibrate(
     require_new(out, "calibrated")
     screen = Screen(Terminal())
     if spread:
+        if known_healthy:
+            raise typer.BadParameter("--spread and --known-healthy do not go together: leave out what is not")
         _learn_spread(runs, model, out, rigs, seed, budget, screen)
         return
     with screen.busy("reading"):
@@ -163,13 +165,7 @@ def calibrate(
     found_of = calibrated(read, rigs, seed, budget, screen, known_healthy)
     outcome = found_of.match
     if not outcome.healthy:
-        text = f"their misfit is {outcome.misfit:.2g}, where one healthy rig in a hundred passes 1"
-        if outcome.suspicious:
-            text += f", and they ask for too much of {', '.join(outcome.suspicious)}"
-        raise RattleError(
-            f"these runs are not of a healthy rig: {text}. A model of them would hide what is wrong, so none "
-            f"was written; rattle diagnose tells what it is, or say --known-healthy where you know better"
-        )
+        raise RattleError(found_of.refusal(known_healthy))
     twin = read.campaign.runs[0].twin
     known = outcome.matched
     table = Table("tolerance", "found", "of its deviation", box=None, pad_edge=False)

@@ -33,6 +33,18 @@ class Calibration:
     discrepancies: tuple[Discrepancy, ...] = ()
     gaps: tuple[float, float] | None = None
 
+    def refusal(self, known_healthy: bool) -> str:
+        """Why there is no model where the match is of no healthy rig."""
+        text = f"their misfit is {self.match.misfit:.2g}, where one healthy rig in a hundred passes 1"
+        if self.match.suspicious:
+            text += f", and they ask for too much of {', '.join(self.match.suspicious)}"
+        known = "identify its values first (rattle identify): too much is otherwise to be allowed for"
+        other = "rattle diagnose tells what it is, or say --known-healthy where you know better"
+        return (
+            f"these runs are not of a healthy rig: {text}. A model of them would hide what is wrong, so none "
+            f"was written; {known if known_healthy else other}"
+        )
+
     def told(self) -> Iterator[str]:
         if self.gaps is not None:
             matched, allowed = self.gaps
@@ -57,15 +69,17 @@ def calibrated(
     with screen.bar("simulating", asked, "healthy rigs", work) as bar, worker_processes(cores()) as workers:
         simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget_s, bar)
         found = match(read.campaign, read.measured, simulate, rigs, rng, read.told, known_healthy)
-        matched, draws = matched_campaign(read.campaign, found.matched), healthy_draws(_MATCHED_RIGS, rng)
-        like = simulate.of(matched, draws) if found.healthy else []
+        draws = healthy_draws(_MATCHED_RIGS, rng) if found.healthy else []  # else it may be no rig at all
+        matched = matched_campaign(read.campaign, found.matched) if draws else read.campaign
+        like = simulate.of(matched, draws)
     if simulate.cut_short:
         screen.warn(
             "time ran out: fewer healthy rigs were simulated than planned; another machine may fit otherwise"
         )
-    if sum(map(bool, like)) < _MATCHED_RIGS / 2:
+    shown = fingerprints_of(like)
+    if len(shown) < _MATCHED_RIGS / 2:
         return Calibration(found)
-    beyond = learned(matched.layout, read.measured, fingerprints_of(like))
+    beyond = learned(matched.layout, read.measured, shown)
     allowing = replace(matched, discrepancies=beyond)
     gaps = (_gap(read, like), _gap(read, allowing.as_they_differ(draws, like)))
     return Calibration(found, beyond, gaps)

@@ -73,7 +73,7 @@ def _told(run: AloneRun, places: list[Place], rigs: int, log: Path) -> Verdict:
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
     known = (
-        f"Gap {whole.gap:.2f}: a typical healthy rig has 1, and by {rigs} of them up to {whole.farthest:.2f}."
+        f"Gap {whole.gap:.2f}: healthy rigs have 1, and up to {whole.farthest:.2f} as {rigs} of them tell."
     )
     remarks = [f"Mind: {remark}." for remark in run.remarks]
     if not beyond and not whole.beyond:

@@ -24,7 +24,7 @@ _POINT_S = 0.005  # a point of the angle is kept so often: 20 within `_LATEST_S`
 _LATEST_S = 0.1  # what counts as now: a block of the card and a little of the last
 _STANDS_RPM = 2.0
 """A tachometer that shows less may stand on a shaft that stands: its zero is none."""
-_NO_SHAFT_RAD_S = 30_000 / RPM_PER_RAD_S
+_NO_SHAFT_RAD_S = 30_000 / RPM_PER_RAD_S  # far beyond any crank
 _STEADY_SHARE = 0.10  # what a turn's mean may differ from the latest, with an uneven turn, and still count
 _OVERDUE = 1.25
 """Intervals without a mark from which on a marker cannot say whether the shaft still turns."""

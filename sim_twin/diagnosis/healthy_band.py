@@ -42,8 +42,8 @@ class Level:
 class Place:
     """How far a run lies off in all ("") or in one channel: 1 as far as a typical healthy rig lies.
 
-    Healthy ones lie up to `farthest`, as few deviations of theirs as any does anywhere. `worst` is the cell
-    that lies farthest off, `level` that of the channel's which does.
+    Healthy ones lie up to `farthest`, by the most deviations that any of them does anywhere; `gap_beyond`
+    that. `worst` is the cell that lies farthest off, `level` the one of the channel's kinds of figure.
     """
 
     channel: str
@@ -66,8 +66,8 @@ class HealthyBand:
     over all cells and over those of each channel, and of the level of each kind of figure, in floors.
     `limits`, so too, are in deviations the most that any rig lies off the mean anywhere, gaps above it, so
     that one healthy rig in so many lies beyond. A place where one rig is far from all others, such as a point
-    that is hardly ever struck, has a limit of its own, and a level that does not
-    scatter as a normal number does has none: gaps judge it.
+    that is hardly ever struck, has a limit of its own, and a level that does not scatter as a normal number
+    does has none: gaps judge it.
     """
 
     measure: GapMeasure

@@ -242,7 +242,8 @@ def test_a_campaign_of_a_lab_is_diagnosed_once_more_by_its_healthy_rigs(
     healthy = [f"logs/h00{n}/h00{n}_run1.mcap" for n in range(3)]
     assert spread == ["calibrate", *healthy, "--spread", "-o", "models/h000.toml"]
     own_log = "logs/h003/h003_run1.mcap"
-    assert same_rig == ["calibrate", own_log, "--model", "models/h000.toml", "-o", "models/h003.toml"]
+    known = ["--model", "models/h000.toml", "--known-healthy"]
+    assert same_rig == ["calibrate", own_log, *known, "-o", "models/h003.toml"]
     assert calibrated[-2:] == ["--model", "models/h003.toml"]
     assert calibrated[3] == f"diagnoses/c002{CALIBRATED}"
 

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
+from sim_twin.diagnosis.discrepancy import Discrepancy
 from sim_twin.diagnosis.fingerprint import Cell, Columns, Layout
 from sim_twin.diagnosis.matching import (
     Match,
     Rigs,
     healthy_draws,
+    match,
     match_among,
     matched_campaign,
     simulated_rigs,
 )
 from sim_twin.diagnosis.space import Moments
+from sim_twin.diagnosis.subject import Observed
 from sim_twin.healthy import Matched
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import MODEL
@@ -32,6 +37,7 @@ SCENARIO = {
     "sample_rate": RATE, "settle": 1.0, "duration": 2.0,
 }  # fmt: skip
 RIG_SEED = 4
+WEAK_SENSOR = {"name": "sensor_gain", "parameters": {"channel": "contact.force_upper", "gain": 0.8}}
 
 
 def twin() -> Twin[Any, Any]:
@@ -45,19 +51,30 @@ def campaign() -> Campaign:
     return Campaign((RunSetting(twin(), columns, 8, 12),))
 
 
+DRAWS = healthy_draws(160, np.random.default_rng(1))
+
+
+@cache
+def observed() -> list[Observed]:
+    return campaign().observe(DRAWS)
+
+
 @cache
 def rigs() -> Rigs:
-    draws = healthy_draws(160, np.random.default_rng(1))
-    return simulated_rigs(campaign(), draws, campaign().observe(draws))
+    return simulated_rigs(campaign(), DRAWS, observed())
 
 
-def matched_to_recording(effects: tuple[dict[str, Any], ...] = ()) -> Match:
+def recorded(effects: tuple[dict[str, Any], ...]) -> NDArray[np.float32]:
+    """Fingerprints of a run of another program."""
     from benchmarks.blind.beam.record import record
 
     recording = record(SCENARIO, effects, RIG_SEED, 1)
     shown = {name: values.astype(np.float32) for name, values in recording.channels.items()}
-    blocks = campaign().runs[0].blocks_of(shown)
-    return match_among(rigs(), Moments(campaign().layout), blocks)
+    return campaign().runs[0].blocks_of(shown)
+
+
+def matched_to_recording(effects: tuple[dict[str, Any], ...] = ()) -> Match:
+    return match_among(rigs(), Moments(campaign().layout), recorded(effects))
 
 
 @pytest.mark.long
@@ -84,7 +101,7 @@ def test_the_rig_of_another_program_is_found() -> None:
 @pytest.mark.parametrize(
     "effect",
     [
-        {"name": "sensor_gain", "parameters": {"channel": "contact.force_upper", "gain": 0.8}},
+        WEAK_SENSOR,
         {
             "name": "base_flexibility",
             "parameters": {"frequency_hz": 600.0, "mass_kg": 3.0, "damping_ratio": 0.02},
@@ -94,6 +111,42 @@ def test_the_rig_of_another_program_is_found() -> None:
 )
 def test_a_rig_with_a_fault_is_not_calibrated_away(effect: dict[str, Any]) -> None:
     assert not matched_to_recording((effect,)).healthy
+
+
+def test_of_a_rig_that_is_known_to_be_healthy_what_lies_beyond_is_the_twins_discrepancy() -> None:
+    measured = recorded((WEAK_SENSOR,))
+    matches = [
+        match(
+            campaign(),
+            measured,
+            lambda _: observed(),
+            len(DRAWS),
+            np.random.default_rng(1),
+            (),
+            known_healthy,
+        )
+        for known_healthy in (False, True)
+    ]
+    assert [each.healthy for each in matches] == [False, True]
+
+
+def test_simulated_rigs_differ_by_the_discrepancies_of_their_campaign_in_every_block() -> None:
+    draws = [replace(each, blocks=2) for each in healthy_draws(2, np.random.default_rng(3))]
+    known = (Discrepancy("yoke.force", "rms", 0.5),)
+    apart = [
+        with_it[0] - without[0]
+        for with_it, without in zip(
+            replace(campaign(), discrepancies=known).observe(draws), campaign().observe(draws), strict=True
+        )
+        if with_it[0] is not None and without[0] is not None
+    ]
+    inside = [(cell.channel, cell.what) == ("yoke.force", "rms") for cell in campaign().layout.of_numbers]
+    assert len(apart) == 2
+    for each in apart:
+        assert each[0] == pytest.approx(each[1], abs=1e-4)
+        assert np.abs(each[0][inside]).max() > 0.1
+        assert not each[0][np.logical_not(inside)].any()
+    assert apart[0][0][inside] != pytest.approx(apart[1][0][inside], abs=0.05)
 
 
 def test_the_campaign_draws_rigs_where_they_are_said_to_lie() -> None:
