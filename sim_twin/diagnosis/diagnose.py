@@ -92,15 +92,15 @@ def diagnose(
     are fitted to all.
     """
     rng = np.random.default_rng(seed)
-    library, counted = Library(), _Counted(execute)
-    search = Search(subject, measured, counted, rng, library, effort.search, told)
+    library, searching, judging = Library(), _Counted(execute), _Counted(execute)
+    search = Search(subject, measured, searching, rng, library, effort.search, told)
     attribution, ranked = search.run()
-    searched = counted.done / max(1, counted.asked)
+    searched = searching.share
     ranked = of_a_part(ranked, searched)
     measure = gap_measure(library.fingerprints(()), subject.layout)
     rigs = max(_FEWEST_ABOUT, effort.judge // 2)
-    ranked[0], focus = refocused(ranked[0], measured, attribution.moments, told, rigs, counted, rng)
-    like = _like_rigs(ranked[0], focus, library, effort.judge // _CONFIRMING, counted, rng)
+    ranked[0], focus = refocused(ranked[0], measured, attribution.moments, told, rigs, judging, rng)
+    like = _like_rigs(ranked[0], focus, library, rigs, judging, rng)
     left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
     belief = belief_of(attribution, ranked, left, searched)
     fitted_to, judged_on = halves(measured)
@@ -111,7 +111,7 @@ def diagnose(
         fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, rng))
         repaired[focus.hypothesis] = focus.rigs_at(fits[focus.hypothesis].best())
     others = {h: fit for h, fit in fits.items() if h not in repaired}
-    repaired |= repaired_twins(others, effort.judge // _CONFIRMING, counted, rng)
+    repaired |= repaired_twins(others, effort.judge // _CONFIRMING, judging, rng)
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
     if chosen is not None:
         every = {cause.name for cause in chosen.hypothesis}
@@ -148,12 +148,13 @@ def diagnose(
         repaired=None if twins is None else twins.mean(axis=0),
         floor=measure.floor,
         held_out=len(measured) > 1,
-        simulations=counted.observations,
+        simulations=searching.observations + judging.observations,
         left=left,
         runner_up=None if runner_up is None else (runner_up, repaired[runner_up].mean(axis=0)),
         contrasts=rival,
         alone=alone(search, tuple(fits), selected or next(iter(fits), ()), searched),
         searched=searched,
+        judging=judging.share,
     )
 
 
@@ -165,6 +166,11 @@ class _Counted:
     asked: int = 0
     done: int = 0
     observations: int = 0
+
+    @property
+    def share(self) -> float:
+        """Of what it was asked for, that there was time for."""
+        return self.done / self.asked if self.asked else 1.0
 
     def __call__(self, draws: Sequence[Draw]) -> Sequence[Observed]:
         shown = self.execute(draws)
@@ -199,16 +205,22 @@ def _like_rigs(
     execute: Execute,
     rng: np.random.Generator,
 ) -> Array:
-    """Fingerprints (n, numbers) of rigs as the best hypothesis says; the nearest known where time ran out."""
+    """Fingerprints (n, numbers) of rigs as the best hypothesis says; the nearest known where time ran out.
+
+    Healthy ones are simulated anew, too: directions, scatters and floors were made of those that are known,
+    so that these lie nearer to the twin than any other rig.
+    """
     if focus is not None:
         return focus.rigs_at(best.best())
+    simulated = rigs_with({best.hypothesis: best.best()}, motions, execute, rng)
+    if best.hypothesis in simulated:
+        return simulated[best.hypothesis]
     known = np.array([each[0] for each in library.fingerprints(best.hypothesis)], dtype=np.float64)
     if not best.hypothesis:
         return known
-    simulated = rigs_with({best.hypothesis: best.best()}, motions, execute, rng)
     values = library.values(best.hypothesis)
     far = np.sum(((values - best.best()) / (values.std(axis=0) + 1e-12)) ** 2, axis=1)
-    return simulated.get(best.hypothesis, known[np.argsort(far)[:_NEAREST]])
+    return known[np.argsort(far)[:_NEAREST]]
 
 
 def _judged(

@@ -107,6 +107,19 @@ def test_nothing_is_found_in_healthy_rigs() -> None:
     assert np.mean([findings.gap.before for findings in cases]) == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_healthy_recording_lies_no_farther_off_than_nine_in_ten_rigs_that_nothing_was_learned_from() -> (
+    None
+):
+    left = [found((), seed).left for seed in range(5)]
+    # held against the rigs that directions and floors were made of, every one lies outside by 1.1 to 1.25
+    assert max(each.outside for each in left) < 1.05
+    assert max(each.gap for each in left) < 1.05
+    # as it is of effects that are there
+    assert np.median([found((("left", 2.0),), seed).left.outside for seed in range(3)]) == pytest.approx(
+        np.median([each.outside for each in left]), abs=0.1
+    )
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_response_that_no_cause_gives_is_unknown(seed: int) -> None:
     findings = found((("strange", 3.0),), seed)
