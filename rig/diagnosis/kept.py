@@ -74,7 +74,10 @@ class Kept:
         lacking: dict[tuple[int, ...], list[int]] = {}
         for at, known in enumerate(of_runs):
             lacking.setdefault(tuple(k for k, one in known.items() if one is None), []).append(at)
-        simulated.known(len(lacking.pop((), ())))
+        lacking.pop((), None)
+        simulated.known(
+            sum(one is not None for known in of_runs for one in known.values()) / len(self._files)
+        )
         for runs, places in lacking.items():
             sizes = [Layout(self._campaign.runs[k].columns.cells(k)).size for k in runs]
             shown = simulated.of(self._campaign.only(runs), [draws[at] for at in places])

@@ -93,6 +93,17 @@ def test_of_a_draw_that_asks_for_some_runs_the_others_are_simulated_when_they_ar
     assert same(shown, two.observe([some[0], DRAWS[1]]))
 
 
+def test_of_a_draw_that_asks_for_some_runs_their_share_is_done() -> None:
+    two = Campaign((setting("9 N"), setting("7 N")))
+    done: list[float] = []
+    simulated = Simulated(two, Here(), time.monotonic() + LATER, done.append)
+    observe = Kept(two, "", lambda _: None).by(simulated)
+    some = [replace(DRAWS[0], runs=(1,)), DRAWS[1]]
+    for count in (1.5, 3.0):  # what is known is done as well
+        observe(some)
+        assert done[-1] == pytest.approx(count)
+
+
 def test_a_cache_that_is_damaged_or_another_version_s_is_told_and_not_used(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
