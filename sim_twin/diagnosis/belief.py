@@ -53,8 +53,8 @@ def unexplained(
 ) -> Unexplained:
     """What rigs with the best hypothesis in leave of `measured` (blocks, numbers).
 
-    `like` are fingerprints (n, numbers) of such rigs; `healthy` where the hypothesis is that nothing is
-    missing.
+    `like` are fingerprints (n, numbers) of such rigs, of which nothing was learned; `healthy` where the
+    hypothesis is that nothing is missing.
     """
     places = attribution.place(like)
     mean, variance = places.mean(axis=0), places.var(axis=0, ddof=1)

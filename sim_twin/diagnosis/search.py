@@ -170,13 +170,10 @@ class Search:
         before: Ranked | None = None
         for number, share in enumerate(_REFINED):
             motions = int(rest * share / sum(_REFINED[number:]))
-            attribution = self.learn()
-            weighed = self.weigh(attribution, self.singles())
+            attribution, weighed = self._singly()
+            if number > 0 and believed(weighed)[0].misfit > _OPEN and self._bring_back():
+                attribution, weighed = self._singly()
             leading = believed(weighed)[0]
-            if number > 0 and leading.misfit > _OPEN and self._bring_back():
-                attribution = self.learn()
-                weighed = self.weigh(attribution, self.singles())
-                leading = believed(weighed)[0]
             order = Order()
             if number == _PARTNERS_IN and leading.misfit > _NEEDS_PARTNER:
                 order = self.partners(leading, motions, _FROM_WIDER[number])
@@ -196,6 +193,11 @@ class Search:
         best = max(each.log for each in weighed)
         gone = [replace(each, log=best + each.log) for each in self._ruled_out.values()]
         return attribution, believed([*weighed, *gone])
+
+    def _singly(self) -> tuple[Attribution, list[Weighed]]:
+        """What the library says so far, and by it of nothing and of every effect alone."""
+        attribution = self.learn()
+        return attribution, self.weigh(attribution, self.singles())
 
     def _first_look(self) -> int:
         """Healthy rigs and every cause, of further runs what is not ruled out; returns what all would be."""
@@ -271,8 +273,8 @@ class Search:
             return False
         every: list[Hypothesis] = [(cause,) for cause in self.subject.causes]
         part = self._first_seen(screening, self._seen_first, every)
-        attribution = part.learn()
-        pairs = part.promising_pairs(attribution, believed(part.weigh(attribution, part.singles())))
+        attribution, weighed = part._singly()
+        pairs = part.promising_pairs(attribution, believed(weighed))
         alone = dict.fromkeys((cause,) for pair in pairs for cause in pair)
         back = [h for h in alone if h in self._ruled_out][:_BROUGHT_BACK]
         runs = sorted({cell.run for cell in self.subject.layout.cells})
