@@ -163,7 +163,8 @@ _TOGETHER = 8
 class Simulated:
     """Has the workers of `executor` observe draws; after `deadline` (monotonic s) no more are begun.
 
-    `report(n)` is told how many draws have come in all. `cut_short` says whether the deadline stopped any.
+    `report(n)` is told how many draws have come in all, those of some runs of `subject` by the share of its
+    numbers that they are. `cut_short` says whether the deadline stopped any.
     """
 
     def __init__(
@@ -172,19 +173,20 @@ class Simulated:
         self._subject, self._executor = subject, executor
         self._deadline, self._report = deadline, report
         self.cut_short = False
-        self._done = 0
+        self._done = 0.0
 
     def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
         """Observations of each draw in order; () for one that there was no time for."""
         return self.of(self._subject, draws)
 
-    def known(self, count: int) -> None:
+    def known(self, count: float) -> None:
         """So many draws need not be observed."""
         self._done += count
         self._report(self._done)
 
     def of(self, subject: Subject, draws: Sequence[Draw]) -> list[Observed]:
-        """The same of another subject."""
+        """The same of another subject, which may be some of the runs."""
+        share = 1.0 if subject is self._subject else subject.layout.size / self._subject.layout.size
         pieces = [draws[first : first + _TOGETHER] for first in range(0, len(draws), _TOGETHER)]
         futures = [self._executor.submit(observed, subject, piece) for piece in pieces]
         for future in futures:
@@ -192,7 +194,7 @@ class Simulated:
             if not future.done() and future.cancel():
                 self.cut_short = True
             else:
-                self._done += len(future.result())
+                self._done += share * len(future.result())
                 self._report(self._done)
         found: list[Observed] = []
         for piece, future in zip(pieces, futures, strict=True):

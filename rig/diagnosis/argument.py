@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from math import exp, log
 from typing import Any
 
@@ -46,6 +47,7 @@ def argument(findings: Findings, units: Mapping[str, str], cycles: Sequence[Typi
     return {
         "runner_up": None if findings.runner_up is None else _names(findings.runner_up[0]),
         "contrasts": _contrasts(findings, units),
+        "unexplained": asdict(findings.left),
         "runs_alone": [
             {
                 "run": each.run,
@@ -105,15 +107,22 @@ def _points(line: np.ndarray[Any, Any]) -> dict[str, list[float]]:
     return {"phase": phase.tolist(), "values": [float(f"{value:.{_DIGITS}g}") for value in chosen.values]}
 
 
-def of_cut_short(searched: float) -> str:
-    """What is said of an answer for which time ran out after that share of the search."""
+def of_cut_short(searched: float, judging: float) -> str:
+    """What is said of an answer for which time ran out after these shares of the search and the judging."""
     told = "time ran out: fewer rigs were simulated than planned, so another machine may answer differently"
-    if searched == 1.0:
-        return told
-    return (
-        f"{told}; {100 * searched:.0f} % of the search was done, and its evidence counts by that share: "
-        "probabilities are evener and intervals wider than they would be"
-    )
+    if searched < 1.0:
+        return (
+            f"{told}; {_percent(searched)} of the search was done, and its evidence counts by that share: "
+            "probabilities are evener and intervals wider than they would be"
+        )
+    if judging < 1.0:
+        return f"{told}; the search was done, and {_percent(judging)} of the rigs that it is judged by"
+    return told
+
+
+def _percent(share: float) -> str:
+    """Not all, where something is lacking."""
+    return f"{min(round(100 * share), 99)} %"
 
 
 def argument_lines(content: Mapping[str, Any]) -> list[str]:

@@ -90,7 +90,7 @@ def diagnose_runs(
 
         experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
     if simulated.cut_short:
-        remarks.append(of_cut_short(findings.searched))
+        remarks.append(of_cut_short(findings.searched, findings.judging))
     if not findings.held_out:
         remarks.append("one block of cycles only: the gap was judged on the cycles that were fitted")
     twin = data.campaign.runs[0].twin

@@ -81,7 +81,12 @@ def document(
             ],
             **argument(findings, units, cycles),
             "next_experiment": None if experiment is None else asdict(experiment),
-            "cost": {"simulations": findings.simulations, "seconds": seconds, "searched": findings.searched},
+            "cost": {
+                "simulations": findings.simulations,
+                "seconds": seconds,
+                "searched": findings.searched,
+                "judging": findings.judging,
+            },
             "remarks": list(remarks),
             "provenance": dict(said),
         }

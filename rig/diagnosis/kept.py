@@ -13,6 +13,7 @@ import struct
 import zlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
@@ -74,12 +75,21 @@ class Kept:
         return partial(self._observed, simulated)
 
     def _observed(self, simulated: Simulated, draws: Sequence[Draw]) -> list[Observed]:
+        every = tuple(range(len(self._files)))
+        wanted = [draw.runs or every for draw in draws]
+        draws = [replace(draw, runs=()) for draw in draws]
         digests = [digest_of(draw) for draw in draws]
-        of_runs = [[file.known.get(digest) for file in self._files] for digest in digests]
+        of_runs = [
+            {k: self._files[k].known.get(digest) for k in runs}
+            for digest, runs in zip(digests, wanted, strict=True)
+        ]
         lacking: dict[tuple[int, ...], list[int]] = {}
         for at, known in enumerate(of_runs):
-            lacking.setdefault(tuple(k for k, one in enumerate(known) if one is None), []).append(at)
-        simulated.known(len(lacking.pop((), ())))
+            lacking.setdefault(tuple(k for k, one in known.items() if one is None), []).append(at)
+        lacking.pop((), None)
+        simulated.known(
+            sum(one is not None for known in of_runs for one in known.values()) / len(self._files)
+        )
         for runs, places in lacking.items():
             sizes = [Layout(self._campaign.runs[k].columns.cells(k)).size for k in runs]
             shown = simulated.of(self._campaign.only(runs), [draws[at] for at in places])
@@ -88,7 +98,9 @@ class Kept:
                     of_runs[at][k] = one
                     if one and all(blocks is not None for blocks in one):
                         self._files[k].add(digests[at], one)
-        return [joined([one or () for one in each]) if all(each) else () for each in of_runs]
+        return [
+            joined([one or () for one in each.values()]) if all(each.values()) else () for each in of_runs
+        ]
 
 
 def _apart(shown: Observed, sizes: Sequence[int]) -> list[Observed]:

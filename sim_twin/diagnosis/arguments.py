@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.belief import of_a_part
-from sim_twin.diagnosis.cause import Cause, Hypothesis, parts_of
+from sim_twin.diagnosis.cause import Hypothesis, parts_of
 from sim_twin.diagnosis.findings import Alone, Contrast
-from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.gap import GapMeasure
 from sim_twin.diagnosis.library import FEWEST, Library
+from sim_twin.diagnosis.screening import numbers_of
 from sim_twin.diagnosis.search import Search, believed
-from sim_twin.diagnosis.subject import Draw, Observed
 
 Array = NDArray[np.float64]
 _CONTRASTS = 5
@@ -45,22 +43,10 @@ def contrasts(
     return tuple(found.values())[:_CONTRASTS]
 
 
-@dataclass(frozen=True, slots=True)
-class _OneRun:
-    """A subject that is not simulated any more."""
-
-    layout: Layout
-    causes: tuple[Cause, ...]
-
-    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
-        return [() for _ in draws]
-
-
 def alone(
     search: Search,
     in_question: Sequence[Hypothesis],
     best: Hypothesis,
-    measured: NDArray[np.float32],
     searched: float,
 ) -> tuple[Alone, ...]:
     """What each of several runs says of what is in question, and of the parameters of the `best` of it.
@@ -68,26 +54,16 @@ def alone(
     By the rigs that were simulated for all runs together, of which `searched` is the share that there was
     time for; from one run, nothing.
     """
-    cells, runs = search.subject.layout.cells, {cell.run for cell in search.subject.layout.cells}
+    layout = search.subject.layout
+    runs = {cell.run for cell in layout.cells}
     singles = [(cause,) for each in in_question for cause in each]
     weighed = [
         each for each in dict.fromkeys([(), best, *singles, *in_question]) if _known(search.library, each)
     ]
     found = []
     for run in sorted(runs) if len(runs) > 1 else ():
-        inside = [cell.run == run for cell in cells]
-        layout = Layout(tuple(replace(cell, run=0) for cell in cells if cell.run == run))
-        numbers = np.flatnonzero(np.repeat(inside, np.diff(search.subject.layout.starts)))
-        library = search.library.of(weighed, numbers)
-        subject = _OneRun(layout, search.subject.causes)
-        part = replace(
-            search,
-            subject=subject,
-            measured=measured[:, numbers],
-            execute=subject.observe,
-            library=library,
-            told=tuple(search.told[run : run + 1]),
-        )
+        library = search.library.of(weighed, numbers_of(layout, [run]))
+        part = search.of_runs([run], library)
         ranked = of_a_part(believed(part.weigh(part.learn(), weighed)), searched)
         estimates = next((each.estimates() for each in ranked if each.hypothesis == best), [])
         told = tuple(tuple(estimates[at]) for at in parts_of(best)) if estimates else ()

@@ -53,8 +53,8 @@ def unexplained(
 ) -> Unexplained:
     """What rigs with the best hypothesis in leave of `measured` (blocks, numbers).
 
-    `like` are fingerprints (n, numbers) of such rigs; `healthy` where the hypothesis is that nothing is
-    missing.
+    `like` are fingerprints (n, numbers) of such rigs, of which nothing was learned; `healthy` where the
+    hypothesis is that nothing is missing.
     """
     places = attribution.place(like)
     mean, variance = places.mean(axis=0), places.var(axis=0, ddof=1)
@@ -161,6 +161,8 @@ def largest(attribution: Attribution, hypothesis: Hypothesis, values: Array) -> 
 
 def contributions(attribution: Attribution, hypothesis: Hypothesis, values: Array) -> dict[Cause, float]:
     """Share of each cause in a hypothesis's response, by squares."""
+    if len(hypothesis) == 1:
+        return {hypothesis[0]: 1.0}
     sizes = {}
     for cause, at in zip(hypothesis, parts_of(hypothesis), strict=True):
         mean, _ = attribution.response((cause,), values[None, at])

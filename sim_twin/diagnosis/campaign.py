@@ -136,7 +136,8 @@ class Campaign:
 
     def only(self, numbers: tuple[int, ...]) -> Campaign:
         """Some of the runs: what is observed of them is the same bits."""
-        return replace(self, runs=tuple(self.runs[k] for k in numbers), numbers=numbers)
+        among = tuple(self.numbers[k] for k in numbers) if self.numbers else numbers
+        return replace(self, runs=tuple(self.runs[k] for k in numbers), numbers=among)
 
     @property
     def layout(self) -> Layout:
@@ -169,6 +170,8 @@ class Campaign:
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Simulate some draws side by side."""
+        if any(draw.runs for draw in draws):
+            return self._of_some_runs(draws)
         found = [
             [
                 [None if motion is None else motion.blocks(extra, draw.blocks) for extra in draw.sensing]
@@ -189,6 +192,16 @@ class Campaign:
             tuple(None if blocks is None else blocks + off for blocks in each)
             for off, each in zip(apart, observed, strict=True)
         ]
+
+    def _of_some_runs(self, draws: Sequence[Draw]) -> list[Observed]:
+        """Those that ask for the same runs side by side."""
+        found: list[Observed] = [() for _ in draws]
+        for runs in dict.fromkeys(draw.runs for draw in draws):
+            at = [k for k, draw in enumerate(draws) if draw.runs == runs]
+            part = self.only(runs) if runs else self
+            for k, each in zip(at, part.observe([replace(draws[k], runs=()) for k in at]), strict=True):
+                found[k] = each
+        return found
 
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
         """What the channels of each run show, (runs, draws); None for a run that failed."""

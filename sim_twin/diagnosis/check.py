@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause, Hypothesis, drawn, named
-from sim_twin.diagnosis.library import Library, order_of
+from sim_twin.diagnosis.library import Library, Order, order_of
 from sim_twin.diagnosis.search import Search, believed
 from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
 
@@ -258,7 +258,7 @@ def _found_again(
     rng = np.random.default_rng([seed, 1])
     library = Library()
     search = Search(subject, measured, execute, rng, library, motions)
-    order = search.first_order()
+    order = sum(search.first_order(), Order())
     if len(order) > _FIRST_LOOK * motions:
         remarks.append(
             f"{motions} rigs are too few to search {len(subject.causes)} causes: {len(order)} take a first "

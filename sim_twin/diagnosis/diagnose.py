@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from sim_twin.diagnosis.judging import (
     without_idle_partner,
 )
 from sim_twin.diagnosis.library import Library
+from sim_twin.diagnosis.refocus import Focus, refocused
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
@@ -38,10 +39,15 @@ _SIMULATING = 0.58
 """Of a budget; the rest goes into what is made of it."""
 _CORES = 2
 _LEAST_MOTIONS, _MOST_MOTIONS = 120, 3000
+_A_SECOND = 6.0
+"""Motions for each second of a budget, where more would fit in: about as many as three runs have had. What
+they leave unsure, more of them hardly told."""
 _JUDGED = 4
 _CONFIRMING = 3
-"""One in so many motions of the judging goes into rigs as the best hypothesis says."""
+"""One in so many motions of the judging goes into rigs of all that the best is held against."""
 _NEAREST = 12
+_FEWEST_ABOUT = 24
+"""Rigs about the best explanation in a round: some for each of its parameters, and to tell their scatter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +69,7 @@ def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     """What fits into `budget_s` seconds of two cores by the rig's rated speed; the same on every machine."""
     seconds = sum(run.samples(1) / run.columns.rate + run.settle for run in campaign.runs)
     rated = campaign.runs[0].twin.model.speed
-    motions = _SIMULATING * budget_s * _CORES * rated / seconds
+    motions = min(_SIMULATING * budget_s * _CORES * rated / seconds, _A_SECOND * budget_s)
     motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
     judge = max(36, motions // 6)
     return Effort(motions - judge, judge)
@@ -86,20 +92,26 @@ def diagnose(
     are fitted to all.
     """
     rng = np.random.default_rng(seed)
-    library, counted = Library(), _Counted(execute)
-    search = Search(subject, measured, counted, rng, library, effort.search, told)
+    library, searching, judging = Library(), _Counted(execute), _Counted(execute)
+    search = Search(subject, measured, searching, rng, library, effort.search, told)
     attribution, ranked = search.run()
-    searched = counted.done / max(1, counted.asked)
+    searched = searching.share
     ranked = of_a_part(ranked, searched)
     measure = gap_measure(library.fingerprints(()), subject.layout)
-    like = _like_rigs(ranked[0], library, effort.judge // _CONFIRMING, execute, rng)
+    rigs = max(_FEWEST_ABOUT, effort.judge // 2)
+    ranked[0], focus = refocused(ranked[0], measured, attribution.moments, told, rigs, judging, rng)
+    like = _like_rigs(ranked[0], focus, library, rigs, judging, rng)
     left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
     belief = belief_of(attribution, ranked, left, searched)
     fitted_to, judged_on = halves(measured)
-    candidates = [each for each in ranked if each.hypothesis][:_JUDGED]
-    judging = effort.judge - effort.judge // _CONFIRMING
+    candidates = _candidates(ranked, attribution)
     fits = refitted(candidates, attribution, fitted_to, rng)
-    repaired = repaired_twins(fits, judging, execute, rng)
+    repaired: dict[Hypothesis, Array] = {}
+    if focus is not None:
+        fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, rng))
+        repaired[focus.hypothesis] = focus.rigs_at(fits[focus.hypothesis].best())
+    others = {h: fit for h, fit in fits.items() if h not in repaired}
+    repaired |= repaired_twins(others, effort.judge // _CONFIRMING, judging, rng)
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
     if chosen is not None:
         every = {cause.name for cause in chosen.hypothesis}
@@ -136,29 +148,35 @@ def diagnose(
         repaired=None if twins is None else twins.mean(axis=0),
         floor=measure.floor,
         held_out=len(measured) > 1,
-        simulations=library.observations
-        + (len(like) if ranked[0].hypothesis else 0)
-        + sum(len(each) for each in repaired.values()),
+        simulations=searching.observations + judging.observations,
         left=left,
         runner_up=None if runner_up is None else (runner_up, repaired[runner_up].mean(axis=0)),
         contrasts=rival,
-        alone=alone(search, tuple(fits), selected or next(iter(fits), ()), measured, searched),
+        alone=alone(search, tuple(fits), selected or next(iter(fits), ()), searched),
         searched=searched,
+        judging=judging.share,
     )
 
 
 @dataclass(slots=True)
 class _Counted:
-    """Counts what it was asked for, and what there was time for."""
+    """Counts what it was asked for, what there was time for, and what was observed of it."""
 
     execute: Execute
     asked: int = 0
     done: int = 0
+    observations: int = 0
+
+    @property
+    def share(self) -> float:
+        """Of what it was asked for, that there was time for."""
+        return self.done / self.asked if self.asked else 1.0
 
     def __call__(self, draws: Sequence[Draw]) -> Sequence[Observed]:
         shown = self.execute(draws)
         self.asked += len(shown)
         self.done += sum(bool(each) for each in shown)
+        self.observations += sum(one is not None for each in shown for one in each)
         return shown
 
 
@@ -172,17 +190,37 @@ def _runner_up(
     return next(iter(apart or others), None)
 
 
+def _candidates(ranked: Sequence[Ranked], attribution: Attribution) -> list[Ranked]:
+    """The most probable explanations of those that no run alone ruled out."""
+    known = attribution.emulators
+    seen = [each for each in ranked if each.hypothesis and all((one,) in known for one in each.hypothesis)]
+    return seen[:_JUDGED]
+
+
 def _like_rigs(
-    best: Ranked, library: Library, motions: int, execute: Execute, rng: np.random.Generator
+    best: Ranked,
+    focus: Focus | None,
+    library: Library,
+    motions: int,
+    execute: Execute,
+    rng: np.random.Generator,
 ) -> Array:
-    """Fingerprints (n, numbers) of rigs as the best hypothesis says; the nearest known where time ran out."""
+    """Fingerprints (n, numbers) of rigs as the best hypothesis says; the nearest known where time ran out.
+
+    Healthy ones are simulated anew, too: directions, scatters and floors were made of those that are known,
+    so that these lie nearer to the twin than any other rig.
+    """
+    if focus is not None:
+        return focus.rigs_at(best.best())
+    simulated = rigs_with({best.hypothesis: best.best()}, motions, execute, rng)
+    if best.hypothesis in simulated:
+        return simulated[best.hypothesis]
     known = np.array([each[0] for each in library.fingerprints(best.hypothesis)], dtype=np.float64)
     if not best.hypothesis:
         return known
-    simulated = rigs_with({best.hypothesis: best.best()}, motions, execute, rng)
     values = library.values(best.hypothesis)
     far = np.sum(((values - best.best()) / (values.std(axis=0) + 1e-12)) ** 2, axis=1)
-    return simulated.get(best.hypothesis, known[np.argsort(far)[:_NEAREST]])
+    return known[np.argsort(far)[:_NEAREST]]
 
 
 def _judged(

@@ -96,8 +96,8 @@ class Findings:
     so that the gap was judged on what was fitted. `left` is what the best explanation does not explain.
     `runner_up` is the next best explanation with the twin's mean fingerprint then; None where none was
     simulated. `contrasts` are the figures in which it predicts otherwise, `alone` is what each of several
-    runs says. `alone_off` is the one channel that does not fit where all others do. `searched` is the share
-    of the planned search that there was time for.
+    runs says. `alone_off` is the one channel that does not fit where all others do. Of the rigs of the
+    search, and of those that its answer is judged by, there was time for the shares `searched` and `judging`.
     """
 
     layout: Layout
@@ -121,6 +121,7 @@ class Findings:
     contrasts: tuple[Contrast, ...] = ()
     alone: tuple[Alone, ...] = ()
     searched: float = 1.0
+    judging: float = 1.0
     alone_off: str = ""
 
     @property

@@ -19,16 +19,15 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import chi2
 
 from daq.errors import SimulationFailed
-from sim_twin.diagnosis.matching import Regression, Response, regressed, response_of
+from sim_twin.diagnosis.matching import followed
 from sim_twin.diagnosis.posterior import Estimate
-from sim_twin.diagnosis.space import Moments, Space, space_of
+from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Draw, Execute, Subject
 
 Array = NDArray[np.float64]
 VALUES = "values of the model"
 """The one effect of a draw: its parameters are the values."""
 _BLOCKS = 2
-_DIRECTIONS = 40
 _FARTHEST = 5.0
 """Deviations of the prior."""
 _WIDER = (1.0, 2.5, 2.0, 1.5)
@@ -231,7 +230,7 @@ def _posterior(
             f"only {near.sum()} of {rigs_of_a_round(len(about.wides))} rigs could be simulated",
             "are the ranges of the values such as a rig can have?",
         )
-    space, regression, response = _followed(
+    space, regression, response = followed(
         local[near], features[near], moments, moments.worth(told, len(measured)), rng
     )
     place = regression(space.scaled(moments(measured)).mean(axis=0)) - response.centre
@@ -242,16 +241,6 @@ def _posterior(
     found = root @ covariance @ root.T
     centre = np.clip(about.mean + root @ mean, -_FARTHEST, _FARTHEST)
     return Known(about.wides, centre, np.asarray((found + found.T) / 2))
-
-
-def _followed(
-    local: Array, features: Array, moments: Moments, blocks: Array, rng: np.random.Generator
-) -> tuple[Space, Regression, Response]:
-    """How rigs' features (n, blocks, features) follow their local places (n, values)."""
-    space = space_of(features[:, 0], features[:0, 0], moments.tolerance, _DIRECTIONS)
-    shown = space.scaled(features) + _between_programs(moments, space.scale, len(features), rng)[:, None]
-    regression = regressed(shown.mean(axis=1), local)
-    return space, regression, response_of(local, regression, shown, blocks)
 
 
 def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.random.Generator) -> Array:
@@ -267,16 +256,8 @@ def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.ra
     if len(library) < _FEWEST_OF_ALL / 2:
         raise SimulationFailed("hardly any rig could be simulated at that setting", "try another")
     moments = Moments(subject.layout)
-    response = _followed(
+    response = followed(
         np.array(library.places), np.array(library.features), moments, moments.worth((), _BLOCKS), rng
     )[2]
     covariance = np.linalg.inv(response.slope.T @ response.precision @ response.slope + np.eye(len(root)))
     return np.asarray(np.sqrt(np.diag(root @ covariance @ root.T)))
-
-
-def _between_programs(moments: Moments, scale: Array, count: int, rng: np.random.Generator) -> Array:
-    """What two careful programs may differ by, drawn for each rig; half of it is common to a kind."""
-    share = np.sqrt(0.5) * moments.tolerance / scale
-    alone = rng.standard_normal((count, len(share)))
-    common = rng.standard_normal((count, int(moments.kinds.max()) + 1))[:, moments.kinds]
-    return np.asarray(share * (alone + common))

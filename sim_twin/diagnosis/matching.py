@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.discrepancy import learned
-from sim_twin.diagnosis.space import Moments, space_of
+from sim_twin.diagnosis.space import Moments, Space, space_of
 from sim_twin.diagnosis.subject import Draw, Observed
 from sim_twin.healthy import Matched, drawn_places
 
@@ -262,3 +262,21 @@ def response_of(places: Array, regression: Regression, shown: Array, blocks: Arr
     strength = count * np.sum(slope * (precision @ slope), axis=0)
     slope = slope * np.maximum(0.0, 1 - size / np.maximum(strength, 1e-12))
     return Response(fit[0], slope, precision, regression.left_out - fit[0])
+
+
+def followed(
+    local: Array, features: Array, moments: Moments, blocks: Array, rng: np.random.Generator
+) -> tuple[Space, Regression, Response]:
+    """How rigs' features (n, blocks, features) follow their local places (n, values)."""
+    space = space_of(features[:, 0], features[:0, 0], moments.tolerance, _DIRECTIONS)
+    shown = space.scaled(features) + _between_programs(moments, space.scale, len(features), rng)[:, None]
+    regression = regressed(shown.mean(axis=1), local)
+    return space, regression, response_of(local, regression, shown, blocks)
+
+
+def _between_programs(moments: Moments, scale: Array, count: int, rng: np.random.Generator) -> Array:
+    """What two careful programs may differ by, drawn for each rig; half of it is common to a kind."""
+    share = np.sqrt(0.5) * moments.tolerance / scale
+    alone = rng.standard_normal((count, len(share)))
+    common = rng.standard_normal((count, int(moments.kinds.max()) + 1))[:, moments.kinds]
+    return np.asarray(share * (alone + common))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, parts_of, values_of
+from sim_twin.diagnosis.fingerprint import Layout
+from sim_twin.diagnosis.gap import gap_measure
 from sim_twin.diagnosis.library import FEWEST, TOGETHER, Library, Order, learned, order_of
 from sim_twin.diagnosis.posterior import Estimate, Posterior
+from sim_twin.diagnosis.screening import Screening, layout_of, numbers_of
 from sim_twin.diagnosis.space import Moments
-from sim_twin.diagnosis.subject import Execute, Subject
+from sim_twin.diagnosis.subject import Draw, Execute, Observed, OfRuns, Subject
 
 Array = NDArray[np.float64]
 NONE, SINGLE, PAIR = 0.35, 0.45, 0.20
@@ -40,6 +43,18 @@ _LEAST_SHARE = 0.004
 _FROM_PRIOR = 0.1
 _FROM_WIDER, _WIDER = (0.3, 0.3, 0.1, 0.0), 0.2
 """Of each round's motions, the share about places of the posterior whose weights are taken to that power."""
+_RULED_OUT = 8.0
+"""Below the best in the logarithm of the evidence: emulators of a dozen rigs are off by a few at most."""
+_LEFT_IN = 4
+"""Effects that stay in the search whatever one run says: the best needs rivals to be held against."""
+_OPEN, _BROUGHT_BACK = 1.0, 8
+"""Misfit of the best explanation after a closer look (of one effect in another engine's rig, one in ten has
+it) from which on so many of what was ruled out by itself are looked at beside it."""
+_SURE = 3.0
+"""Lead over each other in the logarithm of the evidence; a round of more rigs moves it by one or two."""
+_FITS = 1.5
+"""Misfit up to which the runs are explained: two deviations more than what the catalogue holds leaves of
+another engine's rigs (see `belief`)."""
 _DISTINCT = 40
 _STEP = 0.02
 """Of a parameter's whole range."""
@@ -101,6 +116,25 @@ def believed(weighed: Sequence[Weighed]) -> list[Ranked]:
     return sorted(ranked, key=lambda each: -each.probability)
 
 
+def _settled(ranked: Sequence[Ranked], before: Ranked | None) -> bool:
+    """Whether another round would tell the same: one leads clearly, did so before, and fits."""
+    first, others = ranked[0], ranked[1:]
+    if before is None or before.hypothesis != first.hypothesis or first.misfit > _FITS:
+        return False
+    return all(first.probability > np.exp(_SURE) * each.probability for each in others)
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A subject that is not simulated any more."""
+
+    layout: Layout
+    causes: tuple[Cause, ...]
+
+    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+        return [() for _ in draws]
+
+
 def _in_order(first: Cause, second: Cause) -> Hypothesis:
     """A pair is one hypothesis, whichever cause was found first."""
     one, other = ((cause.name, cause.channel or "") for cause in (first, second))
@@ -125,17 +159,20 @@ class Search:
     library: Library
     motions: int
     told: Sequence[float] = ()
+    _screening: Screening | None = None
+    _ruled_out: dict[Hypothesis, Weighed] = field(default_factory=dict)
+    """By the runs that were looked at first; logarithms are those below the best."""
+    _seen_first: tuple[int, ...] = ()
 
     def run(self) -> tuple[Attribution, list[Ranked]]:
-        """Spend the motions; the most probable hypothesis comes first."""
-        first = self.first_order()
-        self._do(first)
-        self._require_enough()
-        rest = max(0, self.motions - len(first))
+        """Spend the motions, as far as they tell; the most probable hypothesis comes first."""
+        rest = max(0, self.motions - self._first_look())
+        before: Ranked | None = None
         for number, share in enumerate(_REFINED):
             motions = int(rest * share / sum(_REFINED[number:]))
-            attribution = self.learn()
-            weighed = self.weigh(attribution, self.singles())
+            attribution, weighed = self._singly()
+            if number > 0 and believed(weighed)[0].misfit > _OPEN and self._bring_back():
+                attribution, weighed = self._singly()
             leading = believed(weighed)[0]
             order = Order()
             if number == _PARTNERS_IN and leading.misfit > _NEEDS_PARTNER:
@@ -143,12 +180,111 @@ class Search:
             if leading.misfit > _LEAVES_ROOM:
                 pairs = self.promising_pairs(attribution, believed(weighed))
                 weighed += self.weigh(attribution, pairs)
-            order += self.next_order(believed(weighed), motions - len(order), _FROM_WIDER[number])
+            ranked = believed(weighed)
+            if _settled(ranked, before):
+                break
+            order += self.next_order(ranked, motions - len(order), _FROM_WIDER[number])
             rest -= len(order)
-            self._do(order)
+            # what there was no time for leaves nothing settled
+            before = ranked[0] if self._do(order) else None
         attribution = self.learn()
         pairs = [h for h in attribution.emulators if len(h) == 2]
-        return attribution, believed(self.weigh(attribution, [*self.singles(), *pairs], effort=2.0))
+        weighed = self.weigh(attribution, [*self.singles(), *pairs], effort=2.0)
+        best = max(each.log for each in weighed)
+        gone = [replace(each, log=best + each.log) for each in self._ruled_out.values()]
+        return attribution, believed([*weighed, *gone])
+
+    def _singly(self) -> tuple[Attribution, list[Weighed]]:
+        """What the library says so far, and by it of nothing and of every effect alone."""
+        attribution = self.learn()
+        return attribution, self.weigh(attribution, self.singles())
+
+    def _first_look(self) -> int:
+        """Healthy rigs and every cause, of further runs what is not ruled out; returns what all would be."""
+        healthy, causes = self.first_order()
+        self._do(healthy)
+        layout = self.subject.layout
+        runs = sorted({cell.run for cell in layout.cells})
+        if len(runs) == 1 or not isinstance(self.subject, OfRuns):
+            self._do(causes)
+            self._require_enough()
+            return len(healthy) + len(causes)
+        if not self.library.count(()):
+            self._require_enough()
+        screening = self._screening = Screening(causes, self.execute)
+        every: list[Hypothesis] = [(cause,) for cause in self.subject.causes]
+        wanted, seen = list(every), list[int]()
+        for run in self._telling(runs):
+            screening.observe(run, wanted)
+            seen.append(run)
+            if len(seen) < len(runs):
+                wanted = self._not_ruled_out(screening, sorted(seen), wanted)
+        screening.add_to(self.library, runs, wanted)
+        self._require_enough()
+        return len(healthy) + len(causes)
+
+    def _telling(self, runs: Sequence[int]) -> list[int]:
+        """Runs in the order in which they lie off the nominal twin."""
+        measure = gap_measure(self.library.fingerprints(()), self.subject.layout)
+        cells = measure.cells(self.measured)
+        gaps = [measure.total(cells, lambda cell, run=run: cell.run == run) for run in runs]  # type: ignore[misc]
+        return [runs[k] for k in np.argsort(gaps)[::-1]]
+
+    def _not_ruled_out(
+        self, screening: Screening, seen: Sequence[int], among: Sequence[Hypothesis]
+    ) -> list[Hypothesis]:
+        """What could still be there after a look at some runs; all of it where nothing explains them."""
+        part = self._first_seen(screening, seen, among)
+        part._require_enough(among)
+        weighed = part.weigh(part.learn(), [(), *among])
+        best = max(weighed, key=lambda each: each.log)
+        if best.misfit > _FITS:
+            return list(among)
+        effects = sorted((each for each in weighed if each.hypothesis), key=lambda each: -each.log)
+        out = [each for each in effects[_LEFT_IN:] if each.log < best.log - _RULED_OUT]
+        if out and not self._seen_first:
+            self._seen_first = tuple(seen)
+        self._ruled_out |= {each.hypothesis: replace(each, log=each.log - best.log) for each in out}
+        return [h for h in among if h not in self._ruled_out]
+
+    def _first_seen(self, screening: Screening, runs: Sequence[int], wanted: Sequence[Hypothesis]) -> Search:
+        """The search as far as some runs tell of what was first seen of them."""
+        library = self.library.of([()], numbers_of(self.subject.layout, runs))
+        screening.add_to(library, runs, wanted)
+        return self.of_runs(runs, library)
+
+    def of_runs(self, runs: Sequence[int], library: Library) -> Search:
+        """The same as far as some runs tell, whose fingerprints are in `library`; it simulates nothing."""
+        layout = layout_of(self.subject.layout, runs)
+        subject = _Seen(layout, self.subject.causes)
+        return replace(
+            self,
+            subject=subject,
+            measured=self.measured[:, numbers_of(self.subject.layout, runs)],
+            execute=subject.observe,
+            library=library,
+            told=tuple(self.told[run] for run in runs) if self.told else (),
+        )
+
+    def _bring_back(self) -> bool:
+        """Look at all runs for what may be beside others, though it was ruled out by itself."""
+        screening = self._screening
+        if screening is None or not self._ruled_out:
+            return False
+        every: list[Hypothesis] = [(cause,) for cause in self.subject.causes]
+        part = self._first_seen(screening, self._seen_first, every)
+        attribution, weighed = part._singly()
+        pairs = part.promising_pairs(attribution, believed(weighed))
+        alone = dict.fromkeys((cause,) for pair in pairs for cause in pair)
+        back = [h for h in alone if h in self._ruled_out][:_BROUGHT_BACK]
+        runs = sorted({cell.run for cell in self.subject.layout.cells})
+        for run in runs:
+            screening.observe(run, back)
+        screening.add_to(self.library, runs, back)
+        back = [h for h in back if self.library.count(h) >= FEWEST]
+        for h in back:
+            del self._ruled_out[h]
+        return bool(back)
 
     def learn(self) -> Attribution:
         """What the library says so far."""
@@ -163,8 +299,8 @@ class Search:
             *((cause,) for cause in self.subject.causes if self.library.count((cause,)) >= FEWEST),
         ]
 
-    def first_order(self) -> Order:
-        """Healthy rigs, and every cause evenly over its parameters, more of those with many.
+    def first_order(self) -> tuple[Order, Order]:
+        """Healthy rigs; and every cause evenly over its parameters, more of those with many.
 
         Those of sensors share motions.
         """
@@ -180,7 +316,7 @@ class Search:
             (cause,): drawn((cause,), max(_FEWEST_EACH, int(each * weight[cause])), self.rng)
             for cause in causes
         }
-        return order_of({(): np.zeros((healthy, 0))}, self.rng, blocks=2) + order_of(cases, self.rng)
+        return order_of({(): np.zeros((healthy, 0))}, self.rng, blocks=2), order_of(cases, self.rng)
 
     def promising_pairs(self, attribution: Attribution, ranked: Sequence[Ranked]) -> list[Hypothesis]:
         """Pairs whose responses, added up, explain the measurement best; one of each is a likely cause."""
@@ -233,9 +369,11 @@ class Search:
             found.append(Weighed(h, posterior.log_evidence + float(np.log(prior)), posterior, misfit))
         return found
 
-    def _require_enough(self) -> None:
+    def _require_enough(self, wanted: Sequence[Hypothesis] | None = None) -> None:
         """An effect that was not simulated cannot be ruled out; neither can anything without healthy rigs."""
-        missing = [c.name for c in self.subject.causes if self.library.count((c,)) < FEWEST]
+        if wanted is None:
+            wanted = [(c,) for c in self.subject.causes if (c,) not in self._ruled_out]
+        missing = [h[0].name for h in wanted if self.library.count(h) < FEWEST]
         if missing or self.library.count(()) < _FEWEST_HEALTHY // 3:
             what = ", ".join(dict.fromkeys(missing)) or "healthy rigs"
             failed = self.library.failed
@@ -278,5 +416,8 @@ class Search:
         near[anywhere] = drawn(ranked.hypothesis, count, self.rng)[anywhere]
         return near
 
-    def _do(self, order: Order) -> None:
-        self.library.add(order, self.execute(order.draws))
+    def _do(self, order: Order) -> bool:
+        """Simulate; whether there was time for all of it."""
+        shown = self.execute(order.draws)
+        self.library.add(order, shown)
+        return all(shown)

@@ -37,7 +37,7 @@ def separability(
     """
     alone: dict[str, Ranked] = {}
     for each in ranked:
-        if len(each.hypothesis) == 1:
+        if len(each.hypothesis) == 1 and each.hypothesis in attribution.emulators:
             alone.setdefault(each.hypothesis[0].name, each)
     compared = list(alone.items())[:_COMPARED]
     found = {}

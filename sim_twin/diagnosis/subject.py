@@ -24,13 +24,15 @@ class Draw:
     """A healthy rig of `seed` with `effects` in, observed over `blocks` blocks of each run.
 
     `sensing` lists what may be wrong with the sensors besides: each entry is one more observation of the
-    same motion, with those effects in.
+    same motion, with those effects in. `runs`, by their numbers in order, are those that are observed, by
+    subjects `OfRuns`; empty: all.
     """
 
     effects: tuple[Named, ...]
     seed: int
     sensing: tuple[tuple[Named, ...], ...] = ((),)
     blocks: int = 1
+    runs: tuple[int, ...] = ()
 
 
 Observed: TypeAlias = tuple[NDArray[np.float32] | None, ...]
@@ -50,6 +52,14 @@ class Subject(Protocol):
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Fingerprints of healthy rigs with effects in, drawn from the seeds of `draws`; nothing else."""
+
+
+@runtime_checkable
+class OfRuns(Subject, Protocol):
+    """One that observes of a draw those runs alone that it asks for: the same bits as with all others."""
+
+    def only(self, numbers: tuple[int, ...]) -> Subject:
+        """The same with some of the runs."""
 
 
 @runtime_checkable

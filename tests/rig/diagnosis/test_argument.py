@@ -153,9 +153,12 @@ def test_the_page_draws_a_cycle_of_each() -> None:
 
 
 def test_an_answer_that_was_cut_short_says_what_that_cost() -> None:
-    assert "62 % of the search was done" in of_cut_short(0.62)
-    assert "intervals wider" in of_cut_short(0.62)
-    assert of_cut_short(1.0).endswith("another machine may answer differently")  # judging was, not the search
+    assert "62 % of the search was done" in of_cut_short(0.62, 0.0)
+    assert "intervals wider" in of_cut_short(0.62, 0.0)
+    assert "99 % of the search" in of_cut_short(0.999, 0.0)
+    assert of_cut_short(1.0, 0.4).endswith("the search was done, and 40 % of the rigs that it is judged by")
+    # what comes after the judging was
+    assert of_cut_short(1.0, 1.0).endswith("another machine may answer differently")
 
 
 def test_the_terminal_says_it_in_a_few_lines() -> None:

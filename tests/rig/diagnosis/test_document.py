@@ -60,7 +60,7 @@ def findings() -> Findings:
         layout=LAYOUT, none=0.05, effect=0.8, unknown=0.15, judged=judged, selected=(BASE,),
         effects=(best,), gap=gap(), by_location={"base": 0.9, "sensor": 0.1}, separability={},
         measured=numbers, nominal=numbers, repaired=numbers, floor=np.ones(len(LAYOUT.cells)),
-        held_out=True, simulations=500, left=Unexplained(1.0, 1.0, 1.0),
+        held_out=True, simulations=500, left=Unexplained(1.5, 0.9, 1.1), judging=0.4,
     )  # fmt: skip
 
 
@@ -82,7 +82,8 @@ def test_a_diagnosis_has_every_key_of_the_interface() -> None:
     assert content["verdict_probability"] == {"none": 0.05, "effect": 0.8, "unknown": 0.15}
     assert content["selected"] == ["base_flexibility"]
     assert content["next_experiment"]["expected_probability"] == 0.9
-    assert content["cost"] == {"simulations": 500, "seconds": 12.5, "searched": 1.0}
+    assert content["cost"] == {"simulations": 500, "seconds": 12.5, "searched": 1.0, "judging": 0.4}
+    assert content["unexplained"] == {"misfit": 1.5, "outside": 0.9, "gap": 1.1}
     assert content["remarks"] == ["odd"]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,28 @@ def test_a_second_look_simulates_nothing_and_one_more_run_only_that(monkeypatch:
     # another draw, another calibration: nothing known
     assert looked(one, [Draw((), 5)])[1] == 1
     assert looked(one, model="mass = 2")[1] == 2
+
+
+def test_of_a_draw_that_asks_for_some_runs_the_others_are_simulated_when_they_are_asked_for() -> None:
+    two = Campaign((setting("9 N"), setting("7 N")))
+    some = [replace(draw, runs=(1,)) for draw in DRAWS]
+    shown, count, _ = looked(two, some)
+    assert count == 2
+    assert same(shown, two.observe(some))
+    shown, count, _ = looked(two, [some[0], DRAWS[1]])
+    assert count == 1
+    assert same(shown, two.observe([some[0], DRAWS[1]]))
+
+
+def test_of_a_draw_that_asks_for_some_runs_their_share_is_done() -> None:
+    two = Campaign((setting("9 N"), setting("7 N")))
+    done: list[float] = []
+    simulated = Simulated(two, Here(), time.monotonic() + LATER, done.append)
+    observe = Kept(two, "", lambda _: None).by(simulated)
+    some = [replace(DRAWS[0], runs=(1,)), DRAWS[1]]
+    for count in (1.5, 3.0):  # what is known is done as well
+        observe(some)
+        assert done[-1] == pytest.approx(count)
 
 
 def test_a_cache_that_is_damaged_or_another_version_s_is_told_and_not_used(

@@ -112,7 +112,8 @@ def test_an_answer_that_was_cut_short_is_wider_and_says_so() -> None:
     wider = []
     for rig in range(RIG, RIG + 5):
         whole, part = (found(2.0, 2.0, motions, rig=rig) for motions in (10**6, 110))
-        assert whole.searched == 1.0
+        assert whole.searched == whole.judging == 1.0
+        assert part.judging == 0.0
         assert part.searched == pytest.approx(0.5, abs=0.02)
         assert part.effect < whole.effect
         sizes = [
@@ -121,3 +122,21 @@ def test_an_answer_that_was_cut_short_is_wider_and_says_so() -> None:
         ]
         wider.append((sizes[1].high - sizes[1].low) / (sizes[0].high - sizes[0].low))
     assert np.median(wider) > 1.2
+
+
+@pytest.mark.parametrize("size", [0.0, 2.0])
+def test_where_time_ran_out_after_the_search_the_judging_says_so(size: float) -> None:
+    asked: list[int] = []
+
+    def counted(draws: Sequence[Draw]) -> Sequence[Observed]:
+        asked.append(len(draws))
+        return Toy().observe(draws)
+
+    measured = recording((("left", {"size": size}),) if size else (), RIG)
+    whole = diagnose(Toy(), measured, EFFORT, counted, 0)
+    assert (whole.searched, whole.judging) == (1.0, 1.0)
+    # the last that is asked for are rigs with each of the candidates in
+    part = diagnose(Toy(), measured, EFFORT, stopped(sum(asked) - asked[-1]), 0)
+    assert part.searched == 1.0
+    assert 0.4 < part.judging < 0.8
+    assert part.verdict == whole.verdict

@@ -48,3 +48,23 @@ def test_observations_of_one_motion_are_those_of_as_many_and_look_at_what_differ
         assert found is not None
         assert np.array_equal(alone, found)
     assert not np.array_equal(together[0], together[1])
+
+
+def test_some_runs_of_a_draw_are_the_same_bits_as_with_all_others() -> None:
+    run = campaign().runs[0]
+    subject = Campaign((run, run))
+    whole, first, second = subject.observe(
+        [Draw((), 5, (GAIN, ())), Draw((), 5, (GAIN, ()), runs=(0,)), Draw((), 5, (GAIN, ()), runs=(1,))]
+    )
+    for together, one, other in zip(whole, first, second, strict=True):
+        assert together is not None
+        assert one is not None
+        assert other is not None
+        assert np.array_equal(together, np.concatenate([one, other], axis=1))
+        assert not np.array_equal(one, other)
+    part = subject.only((1,))
+    for same in (part, part.only((0,))):
+        ((found,),) = same.observe([Draw((), 5)])
+        assert found is not None
+        assert second[1] is not None
+        assert np.array_equal(found, second[1])

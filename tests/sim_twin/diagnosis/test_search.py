@@ -107,6 +107,19 @@ def test_nothing_is_found_in_healthy_rigs() -> None:
     assert np.mean([findings.gap.before for findings in cases]) == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_healthy_recording_lies_no_farther_off_than_nine_in_ten_rigs_that_nothing_was_learned_from() -> (
+    None
+):
+    left = [found((), seed).left for seed in range(5)]
+    # held against the rigs that directions and floors were made of, every one lies outside by 1.1 to 1.25
+    assert max(each.outside for each in left) < 1.05
+    assert max(each.gap for each in left) < 1.05
+    # as it is of effects that are there
+    assert np.median([found((("left", 2.0),), seed).left.outside for seed in range(3)]) == pytest.approx(
+        np.median([each.outside for each in left]), abs=0.1
+    )
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_response_that_no_cause_gives_is_unknown(seed: int) -> None:
     findings = found((("strange", 3.0),), seed)
@@ -240,7 +253,7 @@ def test_where_most_simulations_fail_more_time_is_no_advice() -> None:
         diagnose(TOY, recording((), OF_RECORDINGS), EFFORT, failing, 0)
 
 
-def test_the_search_spends_the_motions_that_it_was_given() -> None:
+def motions_of(effects: Sequence[Named], seed: int = 0) -> int:
     motions = 0
 
     def counted(draws: Sequence[Draw]) -> list[Observed]:
@@ -248,9 +261,15 @@ def test_the_search_spends_the_motions_that_it_was_given() -> None:
         motions += len(draws)
         return TOY.observe(draws)
 
-    search(recording(one("left", 2.0), OF_RECORDINGS), 0, counted).run()
+    search(recording(effects, OF_RECORDINGS + seed), seed, counted).run()
+    return motions
+
+
+def test_the_search_stops_when_it_is_sure_and_spends_what_it_was_given_when_it_is_not() -> None:
     # each of four later rounds may round up by a few for every effect that it believes in
-    assert 0.9 * EFFORT.search <= motions <= 1.1 * EFFORT.search
+    for unsure in (one("strange", 3.0), one("aspect", 2.0)):
+        assert 0.9 * EFFORT.search <= motions_of(unsure) <= 1.1 * EFFORT.search
+    assert motions_of(one("left", 2.0)) < 0.75 * EFFORT.search
 
 
 def test_a_quantile_is_where_so_much_of_the_weight_lies_below() -> None:

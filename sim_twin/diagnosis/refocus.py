@@ -1,0 +1,176 @@
+"""Rigs about the best explanation as the centre: from there nothing lies far, and all is nearly straight.
+
+The search compares everything from the healthy twin, where far numbers count by their logarithm and the
+emulator of a cause serves its whole range. Here rigs are drawn from what the search believes of one
+explanation, and its parameters are regressed on their fingerprints (see `matching`), as history matching does
+after each wave (Gardner, Rogers et al. 2019, doi:10.1088/1742-6596/1264/1/012052).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.diagnosis.attribution import coordinates_of
+from sim_twin.diagnosis.cause import Hypothesis, allowed_by, values_of
+from sim_twin.diagnosis.library import order_of
+from sim_twin.diagnosis.matching import Regression, Response, followed
+from sim_twin.diagnosis.posterior import Posterior, integrate
+from sim_twin.diagnosis.search import Ranked
+from sim_twin.diagnosis.space import Moments, Space
+from sim_twin.diagnosis.subject import Execute
+
+Array = NDArray[np.float64]
+Blocks = NDArray[np.float32]
+_BLOCKS = 2
+_WIDER = (0.5, 0.25, 0.25)
+"""Drawn from the posterior with its weights to that power, round by round: about twice as wide as what is
+believed, which may be off; a search's is tempered, and wider already."""
+_STEP = 0.003
+"""Of the range, by which places are moved besides: a posterior has few."""
+_NARROWED = 0.7
+"""Share of its deviation that a parameter has after a round, below which another round tells more."""
+_MARGIN = 0.05
+"""Of the range that the rigs fill, beyond which nothing is said."""
+_TRIES = 20
+_RIDGE = 0.1
+"""Of one rig that lies a deviation away: keeps slopes small that hardly any rig tells."""
+_FEWEST = 16
+"""Rigs from which straight lines in a few coordinates can be told from their scatter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Focus:
+    """Rigs about one explanation: `places` (n, parameters) in its unit cube, `rigs` (n, numbers).
+
+    `low` and `high` bound the part of the cube that they fill.
+    """
+
+    hypothesis: Hypothesis
+    low: Array
+    high: Array
+    places: Array
+    rigs: Array
+    moments: Moments
+    space: Space
+    regression: Regression
+    response: Response
+
+    def posterior(self, measured: Blocks, rng: np.random.Generator) -> Posterior:
+        """What `measured` blocks (n, numbers) say of the parameters, within the bounds."""
+        seen = self.regression(self.space.scaled(self.moments(measured)).mean(axis=0)) - self.response.centre
+
+        def log_likelihood(v: Array) -> Array:
+            u = self.low + (self.high - self.low) * v
+            off = seen - self._local(u) @ self.response.slope.T
+            logs = -0.5 * np.sum(off @ self.response.precision * off, axis=1)
+            return np.where(allowed_by(self.hypothesis, values_of(self.hypothesis, u)), logs, -1e12)
+
+        found = integrate(log_likelihood, len(self.low), rng)
+        return replace(found, places=self.low + (self.high - self.low) * found.places)
+
+    def _local(self, u: Array) -> Array:
+        return _standard(self.hypothesis, u, self.places)
+
+    def rigs_at(self, values: Array) -> Array:
+        """Fingerprints (n, numbers) as if all rigs had these parameters: moved there along straight lines."""
+        z, wanted = self._local(self.places), self._local(_places(self.hypothesis, values[None]))
+        apart = self.rigs - self.rigs.mean(axis=0)
+        slopes = np.linalg.solve(z.T @ z + _RIDGE * np.eye(z.shape[1]), z.T @ apart)
+        return np.asarray(self.rigs + (wanted - z) @ slopes)
+
+
+def refocused(
+    ranked: Ranked,
+    measured: Blocks,
+    moments: Moments,
+    told: Sequence[float],
+    count: int,
+    execute: Execute,
+    rng: np.random.Generator,
+) -> tuple[Ranked, Focus | None]:
+    """What `measured` blocks (n, numbers) say of an explanation's parameters, by rounds of `count` rigs.
+
+    `told`: how many blocks of each run they are worth; empty: as many as there are. Where there are no
+    parameters or too few rigs came out, the explanation stays as it was.
+    """
+    focus: Focus | None = None
+    for wider in _WIDER if ranked.hypothesis else ():
+        found = _about(ranked, wider, moments, moments.worth(told, len(measured)), count, execute, rng)
+        if found is None:
+            break
+        before, focus = _deviations(ranked), found
+        ranked = replace(ranked, posterior=focus.posterior(measured, rng))
+        if np.all(_deviations(ranked) > _NARROWED * before):
+            break
+    return ranked, focus
+
+
+def _deviations(ranked: Ranked) -> Array:
+    places, weights = ranked.posterior.places, ranked.posterior.weights
+    return np.asarray(np.sqrt(weights @ (places - weights @ places) ** 2))
+
+
+def _about(
+    ranked: Ranked,
+    wider: float,
+    moments: Moments,
+    worth: Array,
+    count: int,
+    execute: Execute,
+    rng: np.random.Generator,
+) -> Focus | None:
+    hypothesis = ranked.hypothesis
+    u = _drawn(ranked, wider, count, rng)
+    order = order_of({hypothesis: values_of(hypothesis, u)}, rng, blocks=_BLOCKS)
+    places, shown = [], []
+    for cases, observed in zip(order.cases, execute(order.draws), strict=True):
+        for (_, values), blocks in zip(cases, observed, strict=bool(observed)):
+            if blocks is not None:
+                places.append(_places(hypothesis, values[None])[0])
+                shown.append(blocks)
+    if len(shown) < _FEWEST:
+        return None
+    known, fingerprints = np.array(places), np.array(shown, dtype=np.float64)
+    features = moments(fingerprints)
+    space, regression, response = followed(_standard(hypothesis, known, known), features, moments, worth, rng)
+    low, high = known.min(axis=0), known.max(axis=0)
+    margin = _MARGIN * (high - low) + _STEP
+    return Focus(
+        hypothesis, np.clip(low - margin, 0.0, 1.0), np.clip(high + margin, 0.0, np.nextafter(1.0, 0.0)),
+        known, fingerprints[:, 0], moments, space, regression, response,
+    )  # fmt: skip
+
+
+def _drawn(ranked: Ranked, wider: float, count: int, rng: np.random.Generator) -> Array:
+    """Places about the posterior's, on the same side of what a parameter may not be as its best."""
+    hypothesis, wide = ranked.hypothesis, ranked.posterior.tempered(wider)
+    parts = np.array([len(p.intervals) for cause in hypothesis for p in cause.parameters])
+    [side] = np.floor(_places(hypothesis, ranked.best()[None]) * parts)
+    kept = np.zeros((0, len(parts)))
+    for _ in range(_TRIES):
+        u = wide.sample(count, rng)
+        u = np.clip(u + _STEP * rng.standard_normal(u.shape), 0.0, np.nextafter(1.0, 0.0))
+        fits = allowed_by(hypothesis, values_of(hypothesis, u)) & np.all(np.floor(u * parts) == side, axis=1)
+        kept = np.concatenate([kept, u[fits]])[:count]
+    return kept
+
+
+def _places(hypothesis: Hypothesis, values: Array) -> Array:
+    """Places in the unit cube of parameters (n, parameters)."""
+    found, at = [], 0
+    for cause in hypothesis:
+        found.append(cause.places(values[:, at : at + len(cause.parameters)]))
+        at += len(cause.parameters)
+    return np.concatenate(found, axis=1)
+
+
+def _standard(hypothesis: Hypothesis, u: Array, known: Array) -> Array:
+    """Coordinates of places, in deviations of those that are known."""
+    coordinates, own = (coordinates_of(hypothesis, values_of(hypothesis, each)) for each in (u, known))
+    deviation = own.std(axis=0)
+    told = deviation > 1e-9
+    return np.asarray((coordinates - own.mean(axis=0))[:, told] / deviation[told])
