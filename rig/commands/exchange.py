@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 
 from daq.errors import ConfigurationError, Problem, RattleError
-from daq.log.reader import Origin
 from rig.commands.arguments import RunFile, seconds
 from rig.session.pace import Work, reading
 from rig.session.progress import Screen, Terminal
@@ -41,7 +40,7 @@ def export(
     ] = None,
     origin: Annotated[
         str | None,
-        typer.Option("--origin", metavar="|".join(get_args(Origin)), help="Only these; a list with commas."),
+        typer.Option("--origin", metavar="ORIGIN,...", help="Only these: measured,predicted."),
     ] = None,
     start: Annotated[
         str, typer.Option("--from", metavar="TIME", help="In s since the start of recording.")
