@@ -5,7 +5,7 @@ Of each cycle of each channel: energies in bands, courses over the phase, peaks,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
 from typing import Any, TypeAlias
@@ -24,7 +24,8 @@ _PHASES = 16
 _COUNTS_FROM = 0.1
 _FAINT = 1e-12
 COUNTED = "contacts"
-FIGURES = ("peak", "crest", "share of time", COUNTED, "early or late", "first or second half")
+CENTRE = ("early or late", "first or second half")
+FIGURES = ("peak", "crest", "share of time", COUNTED, *CENTRE)
 _TOLERANCE = {
     "energy": 0.1,
     "rms": 0.1,
@@ -134,6 +135,7 @@ class Columns:
         edges, phases = self.harmonics * self.frequency, np.arange(_PHASES + 1) / _PHASES
         bands = [(float(low), float(high)) for low, high in pairwise(edges)]
         parts = [(float(low), float(high)) for low, high in pairwise(phases)]
+        half_a_sample = float(np.pi * self.frequency / self.rate)  # of a turn of the cycle, in rad
         cells: list[Cell] = []
         for name in self.channels:
             if name in self.angles:
@@ -141,7 +143,8 @@ class Columns:
                 continue
             cells += [of_cycles(run, name, "energy", band) for band in bands]
             cells += [of_cycles(run, name, what, phase=part) for what in ("mean", "rms") for part in parts]
-            cells += [of_cycles(run, name, figure) for figure in FIGURES]
+            cells += [of_cycles(run, name, figure) for figure in FIGURES if figure not in CENTRE]
+            cells += [replace(of_cycles(run, name, figure), tolerance=half_a_sample) for figure in CENTRE]
         cells += [
             Cell(run, one, part, 1, (float(low), float(high)), partner=other, tolerance=_TOLERANCE[part])
             for one, other in combinations(self.coupled, 2)
