@@ -39,7 +39,7 @@ from rig.sweep.state import (
 )
 
 if TYPE_CHECKING:
-    from rig.live.view import LiveView
+    from rig.live.view import LiveView, Swept
 
 _LOGS = "*.mcap"
 Run = Callable[[RunRequest, Screen, Clock], Path]
@@ -164,7 +164,7 @@ class Sweeping:
                 (lambda: False) if counted is None else counted.enough,
                 path=come_to.path,
                 standing=standing,
-                swept=None if self._view is None else swept_so_far(self._request.sweep, self._state, point),
+                swept=None if self._view is None else self._swept_so_far(point),
             )
             with self._told(point.number, folder):
                 log = self._run(asked, self._screen, self._clock)
@@ -174,6 +174,8 @@ class Sweeping:
             name = str(log.relative_to(self._request.folder))
             ended = PointState("failed" if why else "done", name, why, impacts, figures)
             self._keep(self._state.with_point(number, ended))
+            if self._view is not None and (swept := self._swept_so_far(point)) is not None:
+                self._view.offer(swept)  # the last point would not be shown else
             write_results(self._request.folder, self._request.sweep, self._state)
             if why:
                 self._screen.warn(f"point {number} failed: {why}")
@@ -215,6 +217,9 @@ class Sweeping:
             self._keep(dataclasses.replace(self._state, centre=found))
         path = tuple(dataclasses.replace(drive, offset=found.offset_n) for drive in point.path)
         return dataclasses.replace(point, scenario=centred(point.scenario, found), path=path)
+
+    def _swept_so_far(self, point: Point) -> Swept | None:
+        return swept_so_far(self._request.sweep, self._state, point)
 
     def _keep(self, state: SweepState) -> None:
         self._state = state

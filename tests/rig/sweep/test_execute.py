@@ -8,6 +8,8 @@ import json
 import os
 import signal
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
@@ -15,7 +17,7 @@ from daq.errors import ConfigurationError, DeviceLost, EmergencyStop, InterlockT
 from rig.files.bench import parse_bench
 from rig.files.model_file import parse_model
 from rig.files.scenario import Scenario
-from rig.live.view import LiveView
+from rig.live.view import LiveView, Swept
 from rig.rigs import RIGS
 from rig.session.devices import Standing
 from rig.session.pace import Paces
@@ -239,9 +241,13 @@ def test_nothing_moves_where_nobody_confirms(trial: Trial, monkeypatch: pytest.M
 
 
 def test_every_point_is_shown_in_the_view_and_predicted_by_the_model(trial: Trial) -> None:
-    trial.view, trial.model = LiveView(), parse_model(MODEL, "model.toml", "impact_beam")
+    shown: list[Swept] = []
+    trial.view = cast(LiveView, SimpleNamespace(offer=shown.append))
+    trial.model = parse_model(MODEL, "model.toml", "impact_beam")
     trial.call(runs := Runs())
     assert [each.view for each in runs.asked] == [trial.view] * 4
+    assert len(shown) == 4  # after each point what there is of it, of the last one too
+    assert all(None not in series["measured"] for series in shown[-1].plots.values())
     assert all(each.model is trial.model for each in runs.asked)
     trial.model = None
     with pytest.raises(ConfigurationError, match=r"model file = .changed since"):
