@@ -86,8 +86,8 @@ def _told(run: AloneRun, places: list[Place], rigs: int, next_step: str) -> Verd
     )
     remarks = [f"Mind: {remark}." for remark in run.remarks]
     if not beyond and not whole.beyond:
-        first = channels[0]
-        most = f"Farthest off is {first.channel}, {_size(first)}."
+        nearest = max(channels, key=lambda place: place.gap / place.farthest)
+        most = f"Nearest to its limit is {nearest.channel}, {_size(nearest)}."
         within = "Within what healthy rigs do"
         if run.left_out:
             within += f", but nobody knows of {listed(run.left_out)}"
