@@ -7,8 +7,9 @@ from dataclasses import dataclass
 LEAST_FREE_BYTES = 1 << 30
 """What a recording leaves of a disk: room to finish the log, and for whatever else the machine writes."""
 
-RECORD_END, STOPPING = "record.end", "drive.stopping"
-"""Codes of events: a record has come to its end; the rig is brought to rest before its time."""
+RECORD_END, STOPPING, LIMIT_WARNING = "record.end", "drive.stopping", "limit.warning"
+"""Codes of events: a record has come to its end; the rig is brought to rest before its time; a channel has
+passed what only warns."""
 
 CALIBRATED, SENSITIVITY, RANGE = "calibrated.", "sensitivity.", "range."
 """Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit, full scale."""

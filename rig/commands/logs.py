@@ -169,6 +169,7 @@ def replay(
 def show(run: RunRecord, screen: Screen) -> None:
     """Print what a run comes to."""
     from rig.pages.words import as_written
+    from rig.report.summary import warnings_passed
 
     table = Table(box=None, pad_edge=False)
     table.add_column("channel", min_width=max(map(len, run.channels), default=0), no_wrap=True)
@@ -189,6 +190,8 @@ def show(run: RunRecord, screen: Screen) -> None:
         screen.say(line)
     if run.missing:
         screen.warn(f"{run.missing} measured samples are missing: rattle verify lists the gaps")
+    if passed := warnings_passed(run):
+        screen.warn(passed)
     for name, tally in run.measured.items():
         if tally.overloaded_blocks:
             screen.warn(f"{name}: overload in {tally.overloaded_blocks} blocks")

@@ -9,7 +9,7 @@ let state = null, number = "0", answered = 0, heard = 0;
 function word() {
   const silent = performance.now() - heard, gone = state && !state.ended && silent > LOST_MS;
   $("#lost").textContent = answered && performance.now() - answered > HELD_MS + LOST_MS ? "the page's server does not answer: rattle live" :
-    gone ? `no word from the run for ${Math.round(silent / 1000)} s` : "";
+    gone ? `no word for ${Math.round(silent / 1000)} s` : "";
 }
 
 function news(events) {

@@ -279,12 +279,7 @@ def ensure_page(port: int) -> None:
     """Start this machine's page unless it is there; it stays. Raises InstrumentAbsent where it cannot."""
     if answering(port) is not None:
         return
-    with socket.socket() as trial:  # a port that nobody may have says so at once
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            trial.bind((HOST, port))
-        except OSError as error:
-            raise InstrumentAbsent("live view", f"{HOST}:{port}", _taken(error)) from error
+    PageServer(port).server_close()  # a port that it cannot have says so here, not in a process of its own
     null = os.open(os.devnull, os.O_RDWR)
     try:
         os.posix_spawn(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.log.reader import Origin
+from daq.log.records import LIMIT_WARNING
 from daq.signals.impacts import HalfCycles, merged
 from daq.signals.spectrum import Autospectrum, autospectrum, log_bands
 from rig.report.record import ORIGINS, RunRecord, Trace
@@ -90,6 +91,12 @@ def as_json(run: RunRecord) -> dict[str, Any]:
         "overloaded_blocks": run.overloaded_blocks,
         "events": [asdict(event) for event in run.events if event.level != "info"],
     }
+
+
+def warnings_passed(run: RunRecord) -> str:
+    """How often warning levels were passed, and the first time in words; empty where none was."""
+    told = [event.text for event in run.events if event.code == LIMIT_WARNING]
+    return f"Warnings of limits: {len(told)}, the first {told[0]}" if told else ""
 
 
 _BANDS = 42

@@ -11,7 +11,7 @@ import numpy as np
 from daq.block import Flag, SampleBlock, as_logged, sample_time_ns
 from daq.clock import Clock
 from daq.errors import InterlockTripped, RattleError, show_fault
-from daq.log.records import Event
+from daq.log.records import LIMIT_WARNING, Event
 from daq.time_base.clocks import CardClock
 from drivers.protocols.card import AcquisitionCard, CardReading
 from rig.session.interlock import LimitWatch, Passed
@@ -43,6 +43,7 @@ class Acquisition:
     The card's sample clock is the time base, `base`. Whoever waits for progress waits on `changed`, a
     condition that every block notifies. The first error of its thread ends it and stands in `error`.
     A reading goes to the limits first, then to the record, which is handed to `stream`, then to `readers`.
+    `warn` hears of the first warning of each channel, and must not wait; the events tell of all.
     """
 
     def __init__(
@@ -52,8 +53,10 @@ class Acquisition:
         stream: Stream,
         limits: LimitWatch,
         readers: Iterable[Reader] = (),
+        warn: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._card, self._clock, self._stream, self._limits = card, clock, stream, limits
+        self._warn, self._warned = warn, set[str]()
         self._readers: tuple[Reader, ...] = (self._watch_limits, self._note_flags, self._record, *readers)
         self.name, self._names = card.name, [channel.name for channel in card.channels]
         self._count = max(1, round(BLOCK_S * card.sample_rate))
@@ -154,7 +157,10 @@ class Acquisition:
         for passed in self._limits.check(rows, dict(zip(self._names, reading.flags, strict=True))):
             if passed.abort:
                 self.trip(passed)
-            level, code = ("error", "limit.abort") if passed.abort else ("warning", "limit.warning")
+            elif passed.channel not in self._warned:
+                self._warned.add(passed.channel)
+                self._warn(str(passed))
+            level, code = ("error", "limit.abort") if passed.abort else ("warning", LIMIT_WARNING)
             self._event(level, code, str(passed))
 
     def _note_flags(self, reading: CardReading) -> None:

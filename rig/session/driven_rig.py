@@ -237,7 +237,7 @@ class DrivenRig:
         self.levels = Levels(self.names, bounds_of(self._bench.daq_card.ranges, limits))
         card, watched = self.devices.card, LimitWatch(limits, self.sample_rate)
         consumers = (end_with_enough, self._look, self.levels.take, *readers)
-        self.acquisition = Acquisition(card, self.clock, self.stream, watched, consumers)
+        self.acquisition = Acquisition(card, self.clock, self.stream, watched, consumers, self.screen.warn)
         if self.devices.encoder is not None:
             self.encoder = self.shaft.recording(
                 self.devices.encoder, self.acquisition, self.stream, fastest_rad_s

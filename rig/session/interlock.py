@@ -37,7 +37,8 @@ class Passed:
     def __str__(self) -> str:
         if math.isnan(self.value):
             return f"{self.channel} is overloaded, open or not finite: its limit cannot be watched"
-        return f"{self.channel} = {self.value:.4g} {self.unit}, limit {self.level:.4g} {self.unit}"
+        what = "limit" if self.abort else "warning at"
+        return f"{self.channel} = {self.value:.4g} {self.unit}, {what} {self.level:.4g} {self.unit}"
 
 
 class LimitWatch:

@@ -106,12 +106,9 @@ def diagnose(
     fitted_to, judged_on = halves(measured)
     candidates = _candidates(ranked, attribution)
     fits = refitted(candidates, attribution, fitted_to, rng)
-    repaired: dict[Hypothesis, Array] = {}
     if focus is not None:
         fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, rng))
-        repaired[focus.hypothesis] = focus.rigs_at(fits[focus.hypothesis].best())
-    others = {h: fit for h, fit in fits.items() if h not in repaired}
-    repaired |= repaired_twins(others, effort.judge // _CONFIRMING, judging, rng)
+    repaired = _repaired(fits, focus, effort.judge // _CONFIRMING, judging, rng)
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
     if chosen is not None:
         every = {cause.name for cause in chosen.hypothesis}
@@ -195,6 +192,19 @@ def _candidates(ranked: Sequence[Ranked], attribution: Attribution) -> list[Rank
     known = attribution.emulators
     seen = [each for each in ranked if each.hypothesis and all((one,) in known for one in each.hypothesis)]
     return seen[:_JUDGED]
+
+
+def _repaired(
+    fits: Mapping[Hypothesis, Ranked],
+    focus: Focus | None,
+    motions: int,
+    execute: Execute,
+    rng: np.random.Generator,
+) -> dict[Hypothesis, Array]:
+    """Fingerprints (n, numbers) of rigs with each hypothesis in, as it fits: those of `focus` are there."""
+    known = {} if focus is None else {focus.hypothesis: focus.rigs_at(fits[focus.hypothesis].best())}
+    others = {hypothesis: fit for hypothesis, fit in fits.items() if hypothesis not in known}
+    return known | repaired_twins(others, motions, execute, rng)
 
 
 def _like_rigs(

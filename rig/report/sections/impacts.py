@@ -27,9 +27,7 @@ _COUNTS = (
     "in the first ten or so as measured, for measured and predicted alike."
 )
 _BLOW = f"On a sensor in a contact an impact is a blow with its bounces, its peak the largest; it {_COUNTS}"
-_BURST = (
-    f"On a frame that rings an impact is a burst, its peak the largest magnitude of any sign; it {_COUNTS}"
-)
+_BURST = f"On a frame that rings an impact is a burst, its peak the largest magnitude; it {_COUNTS}"
 _CAPTION = (
     "Left: a dot each, at the crank angle at which the impact begins. Right: how many begin in each "
     f"{_BIN_DEG}° of a revolution. The crank angle axes move together."

@@ -13,7 +13,7 @@ from rig.pages.plots import FROM_ZERO, Plots
 from rig.pages.words import DASH, as_written, change, counted, difference, listed, number, spread
 from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Tally
-from rig.report.summary import closeness, half_cycle_statistics, overall
+from rig.report.summary import closeness, half_cycle_statistics, overall, warnings_passed
 
 _ROW_PX = 44
 _CAPTION = (
@@ -55,6 +55,8 @@ def parts(run: RunRecord) -> list[Part]:
     if not run.channels:
         found.append("The log holds no channel.")
     wrong = [name for name, tally in run.measured.items() if tally.samples > tally.finite]
+    if passed := warnings_passed(run):
+        found.append(f"{passed}.")
     if wrong:
         found.append(f"Samples that are no numbers: {', '.join(wrong)}.")
     return [

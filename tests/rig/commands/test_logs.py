@@ -16,6 +16,7 @@ from daq.log.front import read_summary
 from daq.log.records import Gap
 from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
+from rig.session.run import ENDS
 from tests.daq.log.logs import START_NS, block, write_ramp
 from tests.rig.commands.cli import Call
 from tests.rig.synthetic_run import SCENARIO
@@ -33,6 +34,36 @@ def test_a_sound_log_is_called_sound(call: Call, tmp_path: Path) -> None:
         "/measured/a": 3000,
         "/measured/b": 3000,
     }
+
+
+def test_a_log_without_samples_says_that_nothing_was_recorded(call: Call, tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "log.mcap") as writer:
+        writer.declare("measured", Channel("a", "N"))
+    answer = call("verify", tmp_path / "log.mcap")
+    assert answer.code == 0
+    assert answer.out.rstrip().endswith("0 samples: nothing was recorded")
+
+
+@pytest.mark.parametrize(
+    ("ends", "told"), [({}, "3 s of the 7 s asked for"), ({ENDS: "until stopped"}, "3 s, ")]
+)
+def test_of_a_run_until_stopped_no_duration_was_asked_for(
+    call: Call, tmp_path: Path, ends: dict[str, str], told: str
+) -> None:
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as writer:
+        writer.declare("measured", Channel("a", "N"))
+        writer.add_metadata("scenario", {"toml": f"{SCENARIO}{ACQUISITION}"})
+        writer.add_metadata("run", {"id": "run", **ends})
+        for second in range(3):
+            samples = np.zeros(1000, np.float32)
+            writer.add_block(
+                "measured",
+                SampleBlock("a", 1000 * second, START_NS + second * 10**9, 1000.0, samples),
+                START_NS,
+            )
+    path.write_bytes(path.read_bytes()[:-200])
+    assert told in call("verify", path).out.splitlines()[-1]
 
 
 def test_a_cut_log_exits_1_and_can_be_recovered(call: Call, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from daq.block import Flag, SampleBlock
 from daq.log import codec
 from daq.log.codec import decode_block
 from rig.diagnosis import health
-from rig.diagnosis.health import HEALTHY_RIGS, band_of, verdict_on
+from rig.diagnosis.health import HEALTHY_RIGS, _next_step, band_of, verdict_on
 from rig.diagnosis.kept import sources_of
 from rig.diagnosis.recordings import recorded_alone
 from rig.ensembles import Simulated, Workers
@@ -67,6 +67,12 @@ def test_a_run_of_pulses_is_not_what_healthy_beams_do_and_the_band_is_kept(
 
     monkeypatch.setattr(health, "Simulated", none)
     assert verdict_on(log, screen()) == found
+
+
+def test_the_next_step_is_a_command_that_goes_by_the_models_twin() -> None:
+    log = Path("my runs") / "run.mcap"
+    assert _next_step(log, matched=False) == f"What causes it: rattle diagnose '{log}' --out answer"
+    assert f"diagnose '{log}' --model MODEL.toml --out answer" in _next_step(log, matched=True)
 
 
 @pytest.mark.parametrize(

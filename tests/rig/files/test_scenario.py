@@ -329,6 +329,16 @@ def test_other_values_stand_in_the_scenario_as_if_they_had_been_written(tmp_path
     assert (again.name, again.drive, set(again.limits)) == (found.name, found.drive, set(found.limits))
 
 
+def test_a_scenario_with_another_rig_or_drive_has_them_in_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(SOUND)
+    was = parse_scenario(SOUND).name
+    assert load_scenario(file, {"drive.frequency": "21 Hz", "acquisition.duration": "3 s"}).name == (
+        f"{was}, frequency 21 Hz"
+    )
+    assert load_scenario(file, {"acquisition.duration": "3 s", "notes.operator": "Ada"}).name == was
+
+
 def test_notes_are_free_keys_that_say_what_a_run_was() -> None:
     text = SOUND + '[notes]\noperator = "Ada"\nspecimen = 3\nmounted = 2026-11-23\n'
     assert parse_scenario(text).notes == {"operator": "Ada", "specimen": "3", "mounted": "2026-11-23"}

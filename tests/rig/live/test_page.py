@@ -251,7 +251,7 @@ def test_a_page_that_waits_is_answered_and_one_whose_run_or_server_is_gone_says_
         assert (
             page.locator("#stage").inner_text() == "recording: 12 s"
         )  # until Enter: nobody knows of how many
-        assert lost_after(40).startswith("no word from the run for 4")
+        assert lost_after(40).startswith("no word for 4")
         shown(page, server, lambda state: state.end())
         assert lost_after(60) == ""
         monkeypatch.setattr("rig.live.page_server._HELD_S", 600.0)

@@ -162,6 +162,19 @@ def test_a_port_that_another_program_has_is_refused_with_what_to_do() -> None:
             pass
 
 
+def test_a_port_that_nobody_may_have_is_told_before_a_page_is_started(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(_: PageServer) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    with PageServer(0) as free:
+        port = free.port
+    monkeypatch.setattr(PageServer, "server_bind", refused)
+    with pytest.raises(InstrumentAbsent, match=rf"{port}.*Permission denied: name another port"):
+        ensure_page(port)
+
+
 @pytest.mark.parametrize("text", ["x", "-1", "70000", "8710 "])
 def test_a_port_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     monkeypatch.setenv(PORT_VARIABLE, text)

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 from daq.channel import Channel
-from daq.log.records import Event, Gap
+from daq.log.records import LIMIT_WARNING, Event, Gap
 from rig.commands.logs import show
 from rig.pages.content import BigNumbers, Figure, Lead, Sentence, Table
 from rig.pages.words import number, spread
+from rig.report.page import render
 from rig.report.record import RunRecord, Verdict, read_run
 from rig.report.sections import log as log_sections
 from rig.report.sections import overlays, spectra, summary, whole_run
@@ -270,6 +271,24 @@ def test_the_terminal_says_what_the_report_does(run: RunRecord) -> None:
     acceleration, turning = (line.split() for line in told.getvalue().splitlines() if line.startswith(name))
     assert (acceleration[-1], turning[-1]) == ("m/s²", "rpm")
     assert float(turning[1]) == pytest.approx(60 / (2 * np.pi) * float(acceleration[1]), rel=1e-3)
+
+
+def test_passed_warnings_are_told_on_the_terminal_and_in_the_summary(run: RunRecord) -> None:
+    texts = "a = 41 N, warning at 40 N", "a = 45 N, warning at 40 N"
+    warned = replace(run, events=[Event(START_NS, "warning", "acquisition", LIMIT_WARNING, t) for t in texts])
+    said = f"Warnings of limits: 2, the first {texts[0]}"
+    told = StringIO()
+    show(warned, Screen(Terminal(file=told, width=120)))
+    assert f"! {said}\n" in told.getvalue()
+    assert f"{said}." in render(warned)
+    assert "Warnings of limits" not in render(run)
+
+
+def test_an_autospectrum_is_drawn_ten_decades_deep(run: RunRecord) -> None:
+    [figure] = [part for part in spectra.parts(run) if isinstance(part, Figure)]
+    axes = [axis for name, axis in figure.layout.items() if name.startswith("yaxis")]
+    assert axes
+    assert max(high - low for low, high in (axis["range"] for axis in axes)) <= 10.0 + 1e-9
 
 
 def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import sys
 import threading
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -29,9 +30,10 @@ def acquisition(
     kept: Kept,
     limits: tuple[Limit, ...] = (),
     *readers: Reader,
+    warn: Callable[[str], None] = lambda _: None,
 ) -> Acquisition:
     watch = LimitWatch(limits, RATE)
-    return Acquisition(card, SystemClock(), Stream([kept]), watch, readers)  # type: ignore[arg-type]
+    return Acquisition(card, SystemClock(), Stream([kept]), watch, readers, warn)  # type: ignore[arg-type]
 
 
 def advance(acquiring: Acquisition, card: SteppedCard, blocks: int) -> None:
@@ -124,6 +126,16 @@ def test_an_abort_limit_trips_and_a_warning_only_tells() -> None:
         assert acquiring.tripped.channel == "b"
         card.let()
     assert kept.codes() == ["limit.warning", "limit.abort"]
+
+
+def test_a_person_hears_of_the_first_warning_of_each_channel_and_the_log_of_all() -> None:
+    kept, said = Kept(), list[str]()
+    card = SteppedCard((Channel("a", "N"),), lambda n, _: np.where(n // COUNT % 2, 9.0, 0.0))
+    with acquisition(card, kept, (Limit("a", "N", 5.0, None, 0.0),), warn=said.append) as acquiring:
+        advance(acquiring, card, 4)
+        card.let()
+    assert kept.codes() == ["limit.warning"] * 2  # it had come back between
+    assert said == ["a = 9 N, warning at 5 N"]
 
 
 def test_a_card_that_fails_ends_it_with_the_cards_own_words() -> None:

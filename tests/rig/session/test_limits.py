@@ -27,7 +27,7 @@ def test_within_its_limits_nothing_is_told() -> None:
 
 def test_warning_and_abort_are_told_with_value_and_level() -> None:
     (warning, abort) = watch().check({NAME: np.array([1.0, -25.0, 2.0])})
-    assert str(warning) == f"{NAME} = 25 N, limit 10 N"
+    assert str(warning) == f"{NAME} = 25 N, warning at 10 N"
     assert (abort.abort, abort.value, abort.level) == (True, 25.0, 20.0)
 
 

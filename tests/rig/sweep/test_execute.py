@@ -22,7 +22,7 @@ from rig.rigs import RIGS
 from rig.session.devices import Standing
 from rig.session.pace import Paces
 from rig.session.signals import Stopped
-from rig.sweep.results import TABLE
+from rig.sweep.results import TABLE, points_of
 from rig.sweep.state import FILE, CentreState, held, load_state
 from tests.rig.files.test_model_file import TEXT as MODEL
 from tests.rig.sweep.swept import AXES, SCENARIO, Runs, Trial, parsed
@@ -129,6 +129,27 @@ def test_an_interlock_ends_the_sweep_and_its_point_is_not_repeated_silently(tria
     state = trial.call(runs := Runs(), again={2})
     assert runs.points == [2]
     assert state.ended("done") == (1, 2, 3, 4)
+
+
+def test_what_was_recorded_of_a_point_that_was_stopped_is_told(trial: Trial) -> None:
+    def recorded_in_part() -> None:
+        folder = trial.folder / "point-0002"
+        folder.mkdir(parents=True)
+        (folder / "part.mcap").write_bytes(b"")
+        raise Stopped("stopped by a person")
+
+    with pytest.raises(Stopped):
+        trial.call(Runs({2: recorded_in_part}))
+    state = load_state(trial.folder)
+    assert state is not None
+    assert state.points[2].log == "point-0002/part.mcap"
+    first, second = points_of(trial.sweep, state)
+    assert (first["point"], first["outcome"], first["settings"]) == (
+        1,
+        "done",
+        dict(trial.sweep.points[0].settings),
+    )
+    assert (second["outcome"], second["why"]) == ("stopped", "stopped by a person")
 
 
 def test_a_point_that_an_emergency_stop_ended_is_done_by_the_next_call(trial: Trial) -> None:
