@@ -7,7 +7,8 @@ from dataclasses import dataclass
 LEAST_FREE_BYTES = 1 << 30
 """What a recording leaves of a disk: room to finish the log, and for whatever else the machine writes."""
 
-RECORD_END, STOPPING, LIMIT_WARNING = "record.end", "drive.stopping", "limit.warning"
+RECORD_START, RECORD_END = "record.start", "record.end"
+STOPPING, LIMIT_WARNING = "drive.stopping", "limit.warning"
 """Codes of events: a record has come to its end; the rig is brought to rest before its time; a channel has
 passed what only warns."""
 

@@ -111,8 +111,11 @@ def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | 
 def _remark(bench: Bench) -> None:
     """Say what is no fault of a bench, and still to be known."""
     from rig.files.pairing import unmeasured
+    from rig.rigs import RIGS
+    from rig.twin.alignment import nothing_tells
 
-    if told := unmeasured(bench):
+    table, names = RIGS[bench.rig].channels, [each.name for each in bench.daq_card.channels]
+    for told in filter(None, (unmeasured(bench), nothing_tells(table, names))):
         typer.echo(f"! {told}")
 
 

@@ -143,7 +143,7 @@ def main() -> None:
         print(harmless(f"rattle: {error or 'interrupted'}"), file=sys.stderr)
         code = next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
-        words = error.format_message() if isinstance(error, typer.BadParameter) else error
-        print(harmless(f"rattle: {words}"), file=sys.stderr)
+        if words := error.format_message():  # none where the help has been shown
+            print(harmless(f"rattle: {words}"), file=sys.stderr)
         code = WRONG_USE
     sys.exit(code)

@@ -78,6 +78,9 @@ def diagnose(
     if machine:
         typer.echo(files["diagnosis"].read_text(encoding="utf-8"), nl=False)
         return
+    content = json.loads(files["diagnosis"].read_text(encoding="utf-8"))
+    for sentence in content["sentences"]:
+        screen.say(sentence)
     lines = {"nothing is missing": findings.none, "something unknown": findings.unknown}
     for each in findings.judged[:_LISTED]:
         where = f" on {each.cause.channel}" if each.cause.channel else ""
@@ -91,7 +94,7 @@ def diagnose(
     if findings.selected and not known:
         after = f" (no time to simulate the twin with {names} in it: more --budget)"
     screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")
-    for line in argument_lines(json.loads(files["diagnosis"].read_text(encoding="utf-8"))):
+    for line in argument_lines(content):
         screen.say(line)
     for what, file in files.items():
         screen.say(f"{what:<10} {file}")

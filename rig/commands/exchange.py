@@ -7,7 +7,7 @@ import datetime
 import fnmatch
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
@@ -88,14 +88,21 @@ def export(
             left = [each for each in other_rates(recording) if each.channel.name not in asked]
             kept = tuple(each for each in recording.tracks if each not in left)
             recording = dataclasses.replace(recording, tracks=kept, impacts=())
-            if left:
-                more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
-                named = ", ".join(each.name for each in left[:_NAMED])
-                screen.say(f"left out   {named}{more}: other rates (--all-rates)")
+            for told in _left_out([each.name for each in left], len(log.impacts())):
+                screen.say(f"left out   {told} (--all-rates)")
         with screen.busy("writing", Work(f"write {to}", len(recording.tracks) * work.units)):
             written = chosen.write(recording, target, screen.warn)
     for path in written:
         screen.say(f"file       {path}")
+
+
+def _left_out(names: Sequence[str], impacts: int) -> Iterator[str]:
+    """What one table of one rate has no room for, in words."""
+    if names:
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        yield f"{', '.join(names[:_NAMED])}{more}: other rates"
+    if impacts:
+        yield f"{impacts} impacts"
 
 
 def _with_impacts(recording: Recording, log: LogReader) -> Recording:

@@ -101,7 +101,10 @@ def _show(report: LogReport, as_json: bool) -> None:
     if as_json:
         print_json({**dataclasses.asdict(report), "path": str(report.path), "sound": report.sound})
     else:
-        table = Table("topic", "blocks", "samples", "missing", box=None, pad_edge=False)
+        table = Table(box=None, pad_edge=False)
+        table.add_column("topic", min_width=max((len(each.topic) for each in report.topics), default=0))
+        for heading in ("blocks", "samples", "missing"):
+            table.add_column(heading)
         for topic in report.topics:
             table.add_row(topic.topic, str(topic.messages), str(topic.samples), str(topic.missing))
         screen = Screen(Terminal())
@@ -179,7 +182,8 @@ def show(run: RunRecord, screen: Screen) -> None:
         table.add_column(column, justify="left" if column == "unit" else "right")
     for name, channel in run.channels.items():
         factor, unit = as_written(channel.unit)
-        both = [run.tallies.get((origin, name)) for origin in origins]
+        turns = name in run.roles.unwrapped  # its figures tell only how long the run was
+        both = [None if turns else run.tallies.get((origin, name)) for origin in origins]
         rms, peaks = (
             ["-" if each is None else f"{factor * getattr(each, what):.4g}" for each in both]
             for what in ("rms", "peak")
@@ -195,7 +199,7 @@ def show(run: RunRecord, screen: Screen) -> None:
     for name, tally in run.measured.items():
         if tally.overloaded_blocks:
             screen.warn(f"{name}: overload in {tally.overloaded_blocks} blocks")
-    screen.say(f"gaps       {len(run.gaps)}; overloaded blocks {run.overloaded_blocks}")
+    screen.say(f"gaps       {run.measured_gaps}; overloaded blocks {run.overloaded_blocks}")
     if run.verdict is not None:
         first, *more = run.verdict.sentences
         screen.say(f"verdict    {first}", "bold yellow" if run.verdict.well is False else None)

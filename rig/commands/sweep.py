@@ -168,7 +168,7 @@ def sweep(
         screen.say(f"table      {folder / TABLE}")
         if as_json:
             files = {"report": str(report), "table": str(folder / TABLE)}
-            print_json({**files, "points": points_of(swept, state)})
+            print_json({**files, "points": points_of(folder, swept, state)})
         if view is not None:
             come_to(view, screen, f"finished: {folder}", report=report)
     bad = state.ended("failed", "interlock")

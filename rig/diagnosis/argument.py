@@ -149,13 +149,28 @@ def argument_lines(content: Mapping[str, Any]) -> list[str]:
                 f"{one['parameter']} {estimate(one['value'])} ({_span(one)})" for one in run["parameters"]
             ]
         told.append(f"run {run['run'] + 1} alone {'; '.join(said)}")
-    for one in content["contrasts"][:1]:
-        measured, ours, other = (
-            estimate(one[whose], one["unit"]) for whose in ("measured", "selected", "runner_up")
-        )
-        rival, figure = " and ".join(content["runner_up"]), f"{one['channel']}, {one['what']}"
-        told.append(f"why not    {rival}: {figure} is {measured}; the answer predicts {ours}, that {other}")
+    if content["contrasts"]:
+        told.append(f"why not    {' and '.join(content['runner_up'])}: {_why_not(content['contrasts'])}")
     return told
+
+
+def _why_not(contrasts: Sequence[Mapping[str, Any]]) -> str:
+    """The figure that speaks most clearly against the next best, or that none does."""
+    against = [one for one in contrasts if _nearer(one, "selected", "runner_up")]
+    if not against:
+        return f"none of {len(contrasts)} figures in which both differ most speaks against it"
+    one = max(against, key=lambda each: float(each["apart"]))
+    measured, ours, other = (
+        estimate(one[whose], one["unit"]) for whose in ("measured", "selected", "runner_up")
+    )
+    others = len(contrasts) - len(against)
+    but = f"; {others} of {len(contrasts)} figures say otherwise" if others else ""
+    figure = f"{one['channel']}, {one['what']}"
+    return f"{figure} is {measured}; the answer predicts {ours}, that {other}{but}"
+
+
+def _nearer(one: Mapping[str, Any], whose: str, other: str) -> bool:
+    return bool(abs(one["measured"] - one[whose]) < abs(one["measured"] - one[other]))
 
 
 def _span(one: Mapping[str, Any]) -> str:

@@ -65,7 +65,7 @@ def calibrated(
     Where the match is of no healthy rig there is nothing to learn. Raises SimulationFailed.
     """
     rng, asked = np.random.default_rng(seed), rigs + _MATCHED_RIGS
-    work = work_of("calibrate", read.campaign, asked)
+    work = work_of("calibrate", read.campaign, [1] * asked)
     with screen.bar("simulating", asked, "healthy rigs", work) as bar, worker_processes(cores()) as workers:
         simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget_s, bar)
         found = match(read.campaign, read.measured, simulate, rigs, rng, read.told, known_healthy)

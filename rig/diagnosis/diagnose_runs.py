@@ -75,9 +75,9 @@ def diagnose_runs(
     latest_s = max(1.0, effort) * budget_s
     told = _text_of(model)
     kept = Kept(data.campaign, told, screen.warn)
-    work = work_of("diagnose again" if kept.some else "diagnose", data.campaign, planned.motions)
+    work = work_of("diagnose again" if kept.some else "diagnose", data.campaign, [1] * planned.motions)
     with (
-        screen.bar("simulating", planned.motions, "rigs", work) as bar,
+        screen.bar("simulating", planned.motions, "rigs", work, sooner=True) as bar,
         workers_when_needed(cores()) as workers,
     ):
         simulated = Simulated(data.campaign, workers, began + _OVERTIME * latest_s, bar)
@@ -120,6 +120,7 @@ def diagnose_runs(
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
     out.mkdir(parents=True, exist_ok=True)
     files = {what: out / name for what, name in names.items()}
+    content["sentences"] = verdict.sentences(case)
     write_json(files["diagnosis"], content)
     write_json(files["effects"], effects_file(findings))
     if experiment is not None:
@@ -249,7 +250,7 @@ def _simulated(
         for effects, count in wanted
         for _ in range(count)
     ]
-    work = work_of("simulate again" if kept.some else "simulate", data.campaign, len(draws))
+    work = work_of("simulate", data.campaign, [draw.blocks for draw in kept.lacking(draws)])
     with screen.bar("simulating", len(draws), "rigs", work) as bar, workers_when_needed(cores()) as workers:
         simulated = Simulated(data.campaign, workers, time.monotonic() + _LONGEST_S, bar)
         shown = iter(kept.by(simulated)(draws))

@@ -56,7 +56,8 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
     try:
         run = recorded_alone(log, _LOOKED_AT_S)
         with LogReader(log) as reader:
-            model = reader.metadata.get("twin", {}).get("model", "")
+            twin = reader.metadata.get("twin", {})
+            model, repaired = twin.get("model", ""), twin.get("effects", "[]") != "[]"
         if model:
             fitted = parse_model(model, f"model in {log}", run.scenario.rig)
             campaign = campaign_with_model(run.campaign, fitted, [run.scenario], lambda _: None)
@@ -68,11 +69,16 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
         return Verdict(None, ("Not judged: interrupted while healthy rigs were simulated.",))
     if band is None:
         return Verdict(None, ("Not judged: too few healthy rigs of this scenario could be simulated.",))
-    return _told(run, band.places(run.measured), band.rigs, _next_step(log, matched=bool(model)))
+    return _told(run, band.places(run.measured), band.rigs, _next_step(log, bool(model), repaired))
 
 
-def _next_step(log: Path, matched: bool) -> str:
-    """A command that judges by the twin that the verdict went by."""
+def _next_step(log: Path, matched: bool, repaired: bool = False) -> str:
+    """A command that judges by the twin that the verdict went by; of one with effects, by these."""
+    if repaired:
+        return (
+            "Judged without the effects of this overlay; how far the gap shrinks with them: "
+            f"rattle gap {quote(str(log))} --effects EFFECTS.json"
+        )
     model = " --model MODEL.toml" if matched else ""
     by = ", by the model that the run had" if matched else ""
     return f"What causes it: rattle diagnose {quote(str(log))}{model} --out answer{by}"
@@ -131,8 +137,11 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
         return HealthyBand(measure, *ends, int(numbers["rigs"]))
     draws = [Draw((), seed, blocks=run.blocks) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
-    work = work_of("simulate", run.campaign, len(draws))
-    with screen.bar(what, len(draws), "rigs", work) as bar, worker_processes(cores()) as workers:
+    work = work_of("simulate", run.campaign, [draw.blocks for draw in draws])
+    with (
+        screen.bar(what, len(draws), "rigs", work, once=True) as bar,
+        worker_processes(cores()) as workers,
+    ):
         simulated = Simulated(run.campaign, workers.executor, time.monotonic() + _SIMULATED_S, bar)
         shown = simulated(draws)
     healthy = [each[0] for each in shown if each and each[0] is not None]

@@ -320,7 +320,7 @@ def identify(
     """
     rigs = rigs_of_a_round(len(wides))
     total = MOST_ROUNDS * rigs + len(wides) + 1
-    work = work_of("identify", campaign, total)
+    work = work_of("identify", campaign, [1] * total)
     deadline = time.monotonic() + budget_s
     with screen.bar("simulating", total, "rigs at most", work) as bar, worker_processes(cores()) as workers:
 

@@ -70,6 +70,12 @@ class Kept:
         """Whether anything is known of these runs."""
         return any(file.known for file in self._files)
 
+    def lacking(self, draws: Sequence[Draw]) -> list[Draw]:
+        """Those of which not all is kept."""
+        digests = (digest_of(replace(draw, runs=())) for draw in draws)
+        known = (all(digest in file.known for file in self._files) for digest in digests)
+        return [draw for draw, kept in zip(draws, known, strict=True) if not kept]
+
     def by(self, simulated: Simulated) -> Execute:
         """Has `simulated` observe draws, except what is kept of each run."""
         return partial(self._observed, simulated)

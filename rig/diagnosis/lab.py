@@ -58,7 +58,7 @@ def spread_of(
     kept: dict[str, Campaign] = {repr(run.campaign): _wider(run.campaign) for run in runs}
     known: dict[str, Rigs] = {}
     rng = np.random.default_rng(seed)
-    work = work_of("calibrate", runs[0].campaign, rigs * len(kept))
+    work = work_of("calibrate", runs[0].campaign, [1] * rigs * len(kept))
     total = rigs * len(kept)
     with screen.bar("simulating", total, "healthy rigs", work) as bar, worker_processes(cores()) as workers:
         for number, (name, campaign) in enumerate(kept.items()):

@@ -134,14 +134,16 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     out.mkdir(parents=True, exist_ok=True)
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
     files = {what: out / name for what, name in names.items()}
-    write_json(files["diagnosis"], content)
-    write_json(files["effects"], effects_file(findings))
     parts = sorted({cell.run for cell in subject.layout.cells})
     facts = [
         RunFacts(f"run {k + 1}" if parts != [0] else " ".join(p.name for p in request.runs), name)
         for k in parts
     ]
-    write_report(files["report"], Case(findings, content, facts, remarks, folder=out), SECTIONS)
+    case = Case(findings, content, facts, remarks, folder=out)
+    content["sentences"] = verdict.sentences(case)
+    write_json(files["diagnosis"], content)
+    write_json(files["effects"], effects_file(findings))
+    write_report(files["report"], case, SECTIONS)
     return findings, files
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import ceil, pi
@@ -45,10 +46,14 @@ class Lossy:
     why: tuple[str, ...]
 
 
-def work_of(what: str, campaign: Campaign, draws: int) -> Work:
-    """Work in which all runs of a campaign are simulated for so many draws, in s of motion."""
-    motion_s = sum(run.samples(1) / run.columns.rate + run.settle for run in campaign.runs)
-    return Work(f"{what} {campaign.runs[0].twin.model.name} on {cores()}", draws * motion_s)
+def work_of(what: str, campaign: Campaign, draws: Iterable[int]) -> Work:
+    """Work in which all runs of a campaign are simulated for draws of so many blocks each, in s of motion."""
+    motion_s = sum(
+        often * (run.samples(blocks) / run.columns.rate + run.settle)
+        for blocks, often in Counter(draws).items()
+        for run in campaign.runs
+    )
+    return Work(f"{what} {campaign.runs[0].twin.model.name} on {cores()}", motion_s)
 
 
 def lost_of(log: LogReader, names: Sequence[str], end_s: float | None = None) -> dict[str, Lossy]:

@@ -25,8 +25,8 @@ SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
 _LEAST_MOTOR_SETTLE_S = 1.0
 _ROUNDING = 1e-9
-_BYTES_PER_SAMPLE: Final = 2 * 4.3
-"""Measured and predicted; float32, and a twentieth for what stands around it. Noise is not compressed."""
+_BYTES_PER_SAMPLE: Final = 4.3
+"""Float32, and a twentieth for what stands around it. Noise is not compressed."""
 _NOTHING_SEEN: Final = (
     "none with a real actuator and an emulated card, which sees nothing of the real rig: a limit needs a "
     "real card (daq_card.emulated = false)"
@@ -122,7 +122,9 @@ def unmeasured(bench: Bench) -> str:
 def bytes_of(records: Iterable[AcquisitionSection], bench: Bench) -> float:
     """The most that logs of these take."""
     samples = sum(each.sample_rate * each.duration for each in records)
-    return samples * len(bench.daq_card.channels) * _BYTES_PER_SAMPLE
+    names = [channel.name for channel in bench.daq_card.channels]
+    predicted = sum(unit_of(name) is not None for name in names)
+    return samples * (len(names) + predicted) * _BYTES_PER_SAMPLE
 
 
 def longest_s(wanted: AcquisitionSection, bench: Bench, free_bytes: float) -> float:

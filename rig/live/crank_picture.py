@@ -20,7 +20,7 @@ from rig.live import mechanism, paths
 from rig.live.crank_plots import IMPACT_FRAME, ORDER_FRAME, ImpactPicture, OrderPicture, SpeedPlot, speed_view
 from rig.live.mechanism import Body, Joint, JointPicture, MovingMechanism, Pose, Solid, joints_view
 from rig.live.picture import Layout, OwnViews, Point, Stage, in_plot, looking
-from rig.live.sketch import Line, sketched
+from rig.live.sketch import LATER, Line, sketched
 from rig.stream import Block, LastSeconds, Record, Shape
 from sim_twin.rigs.channel_table import ChannelTable
 
@@ -127,7 +127,9 @@ class CrankSketch:
             for at in range(min(map(len, each.values()), default=0))
         ]
         path = np.array([frame[1][0] for frame in self._frames(np.linspace(0, 2 * np.pi, 37))])
-        return sketched("one revolution, slowed; ideal joints", [path], frames, self._room)
+        still, later = ([], "") if frames else (self._frames(np.zeros(1))[0], LATER)
+        caption = f"one revolution, slowed; ideal joints{later}"
+        return sketched(caption, [path, *still], frames, self._room)
 
     def _frames(self, angle: NDArray[np.floating]) -> list[list[Line]]:
         """The line of each body at angles in rad, shape (n,)."""

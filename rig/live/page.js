@@ -14,7 +14,7 @@ function word() {
 
 function news(events) {
   const list = $("ol");
-  list.replaceChildren(...events.map(([level, text]) => make("li", level, text)).reverse());
+  list.replaceChildren(...events.map(([level, ...said]) => make("li", level, said.join(" "))).reverse());
   while (list.scrollHeight > list.clientHeight && list.lastChild) list.lastChild.remove();
 }
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import CRANK_SPEED, CYCLE_PEAK, Origin, derived_name
-from daq.log.records import RECORD_END, STOPPING, Event, Impact
+from daq.log.records import RECORD_END, RECORD_START, STOPPING, Event, Impact
 from rig.bounds import nearest
 from rig.live import paths
 from rig.live.picture import Layout
@@ -79,8 +79,12 @@ class _Trace:
         return np.degrees(np.mod(values, math.tau)) if self._wraps else values
 
     def trend(self, first: int, count: int) -> Array:
-        """Least and largest in each bin from `first` on, shape (2, count)."""
-        return np.array([self._bins.get(first + at, (np.nan, np.nan)) for at in range(count)]).T
+        """Least and largest in each bin from `first` on, shape (2, count); none of one that is under way."""
+        whole = max(int(self.recent.end_sample / max(round(self._bin_s * self.rate), 1)), 1)
+        return np.array(
+            [self._bins[at] if at in self._bins and at < whole else (np.nan, np.nan)
+             for at in range(first, first + count)]
+        ).T  # fmt: skip
 
     def cycles(self, begin_s: float, cycle_s: float, columns: int) -> tuple[int, Array, Array] | None:
         """How many whole cycles there are, least and largest in each column of the newest, and of all.
@@ -118,7 +122,7 @@ class PageState:
         self._layout = Layout("", {}, {})
         self._heard_ns = 0
         self._start_ns: int | None = None
-        self._events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
+        self._events: deque[tuple[str, str, str]] = deque(maxlen=_EVENTS)
         self._dropped = 0
         self._swept: Swept | None = None
         self._outcome: Outcome | None = None
@@ -176,8 +180,7 @@ class PageState:
             case Dropped(records):
                 self._dropped = records
             case Event():
-                self._recorded |= frame.code in (RECORD_END, STOPPING)
-                self._events.append((frame.level, frame.text))
+                self._note_event(frame)
             case _:
                 self._note(frame)
 
@@ -194,7 +197,16 @@ class PageState:
             case Block(origin, samples) if (origin, samples.channel) in self._traces:
                 self._note_block(origin, samples)
 
+    def _note_event(self, event: Event) -> None:
+        self._recorded |= event.code in (RECORD_END, STOPPING)
+        if event.code == RECORD_START:  # what a start reached is none of the record's
+            self._most.clear()
+        told = time.strftime("%H:%M:%S", time.localtime(event.time_ns / NS_PER_S))
+        self._events.append((event.level, told, event.text))
+
     def _note_levels(self, most: dict[str, float]) -> None:
+        if self._recorded:  # as the drive ramps down, and at rest
+            return
         for name, level in most.items():
             if math.isfinite(level) and name not in self._wraps:
                 self._levels[name] = float(level)

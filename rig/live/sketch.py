@@ -13,6 +13,8 @@ from rig.stream import Shape
 
 FRAMES: Final = 24
 """Pictures of a cycle."""
+LATER: Final = ", from the start of the record on"
+"""Said of a picture that does not move yet."""
 
 Line = NDArray[np.floating]
 """Points in a plane, m, y upward, shape (n, 2)."""

@@ -48,13 +48,14 @@ class Dropped(NamedTuple):
 class Progress(NamedTuple):
     """What the run is at, as the terminal says it; `done` of `total` (0: nobody knows), in `unit`.
 
-    `failed` where that is why it has ended.
+    It is over at the Unix time `ends_s`, where that is known. `failed` where that is why it has ended.
     """
 
     text: str
     done: float = 0.0
     total: float = 0.0
     unit: str = "s"
+    ends_s: float | None = None
     failed: bool = False
 
 

@@ -33,6 +33,20 @@ def number(value: float | None, unit: str = "") -> str:
     return f"{text} {unit}".rstrip()
 
 
+def numbers(values: Sequence[float]) -> list[str]:
+    """What stands in one row, with the decimals that give the largest four significant digits."""
+    finite = [abs(value) for value in values if math.isfinite(value)]
+    most = max(finite, default=0.0)
+    as_decimal = f".{3 - math.floor(math.log10(most))}f" if 1e-3 <= most < 1e4 else ".3e"
+    return [f"{value:{as_decimal}}" if math.isfinite(value) and most else number(value) for value in values]
+
+
+def signed(value: float, decimals: int = 2) -> str:
+    """With its sign; none where it rounds to 0."""
+    rounded = round(value, decimals)
+    return f"{rounded:+.{decimals}f}".replace("-", "−") if rounded else f"{0.0:.{decimals}f}"
+
+
 def estimate(value: float, unit: str = "") -> str:
     """What was estimated, with the three digits that count and the unit; short times in ms and µs."""
     if unit == "s":
@@ -61,9 +75,7 @@ def spread(mean: float, deviation: float, unit: str) -> str:
 
 def change(share: float, decimals: int = 1) -> str:
     """A share by which something is more or less, in percent with its sign; none where it rounds to 0."""
-    percent = round(100 * share, decimals)
-    sign = "+" if percent else ""
-    return f"{percent or 0.0:{sign}.{decimals}f} %".replace("-", "−")
+    return f"{signed(100 * share, decimals)} %"
 
 
 def difference(predicted: float, measured: float) -> str:

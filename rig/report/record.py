@@ -220,6 +220,11 @@ class RunRecord:
         return sum(tally.missing for tally in self.measured.values())
 
     @property
+    def measured_gaps(self) -> int:
+        """How often measured samples are missing, of a part that was not recorded to its end too."""
+        return sum(gap.origin == "measured" for gap in self.gaps)
+
+    @property
     def still(self) -> frozenset[str]:
         """Channels of which every prediction is 0 throughout, and that show no more than sensor noise."""
         largest: dict[str, float] = {}

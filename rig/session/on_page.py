@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -37,8 +38,8 @@ def on_page(screen: Screen) -> Iterator[LiveView]:
         screen.say(f"live view  {page_url(port)}")
     view = LiveView(page_port=port).start()
 
-    def tell(text: str, done: float, total: float, unit: str) -> None:
-        view.offer(Progress(text, done, total, unit))
+    def tell(text: str, done: float, total: float, unit: str, left_s: float | None) -> None:
+        view.offer(Progress(text, done, total, unit, None if left_s is None else time.time() + left_s))
 
     screen.stages.append(tell)
     try:

@@ -26,11 +26,16 @@ from rich.text import Text
 
 from daq.clock import Clock, SystemClock
 from daq.errors import RattleError, harmless
-from rig.session.pace import Paces, Work, lasting
+from rig.session.pace import Paces, Work, compiled_since, lasting
 
 FIRST_START: Final = "compiled on a first start, which takes up to a minute"
 """Measured on two cores with nothing compiled: beam 17 s, planar crank 34 s, spatial crank 50 s, or 52 s on
 real instruments. Whatever simulates first compiles for all."""
+
+
+def first_start() -> str:
+    """What is told of a start that nobody timed here: nothing once there is machine code."""
+    return "" if compiled_since(0.0) else FIRST_START
 
 
 TOLD_FROM_S: Final = 3.0
@@ -48,8 +53,9 @@ _BAR: Final = 12
 MOTION_S: Final = "s of motion"
 LOG_S: Final = "s of the log"
 MEGABYTES: Final = "MB"
-_MEASURED: Final = (MOTION_S, LOG_S, MEGABYTES)
-"""Units in which nothing is counted, so that no quarters are told."""
+IMPACTS: Final = "impacts"
+_NO_QUARTERS: Final = ("s", MOTION_S, LOG_S, MEGABYTES, IMPACTS)
+"""Units of what is measured, or over soon: on a pipe no quarters of it are told."""
 
 
 class Terminal(Console):
@@ -68,6 +74,8 @@ class Waiting:
     def __init__(self, total: float, told_s: float | None, clock: Clock) -> None:
         self._total, self._told_s, self._clock = total, told_s, clock
         self._began_s = clock.monotonic_s()
+        self.apart_s = 0.0
+        """Of it, what had to be done but once."""
         self._first: tuple[float, float] | None = None  # done and time at the first report, before it a start
         self._done, self._done_s = 0.0, self._began_s
 
@@ -90,6 +98,10 @@ class Waiting:
         by_pace = self._by_pace()
         return by_told if by_pace is None and by_told is not None and by_told > 0 else by_pace
 
+    @property
+    def own_s(self) -> float:
+        return self.taken_s - self.apart_s
+
     def _by_pace(self) -> float | None:
         """From the first report on: before it something starts, which comes but once.
 
@@ -109,7 +121,8 @@ class _Left(ProgressColumn):
 
     def render(self, task: Task) -> Text:
         left_s: float | None = task.fields["waiting"].left_s
-        words = [] if left_s is None else [f"{lasting(left_s)} left"]
+        at_most = "at most " if task.fields["sooner"] else ""
+        words = [] if left_s is None else [f"{at_most}{lasting(left_s)} left"]
         if task.total is None and task.completed:
             words = [f"{lasting(task.completed)} so far"]
         return Text("   ".join([*words, *filter(None, [task.fields["beside"]()])]))
@@ -119,14 +132,17 @@ class Screen:
     """Lines and progress bars on the terminal; on a pipe, lines alone.
 
     `paces` knows how long work took here before. Each of `stages` is told what goes on, how far it is, of how
-    much, and the unit of both.
+    much, the unit of both, and how many s are left, where that is known.
     """
 
     def __init__(self, console: Console, paces: Paces | None = None, clock: Clock | None = None) -> None:
         self.console = console
-        self.stages: list[Callable[[str, float, float, str], None]] = []
+        self.stages: list[Callable[[str, float, float, str, float | None], None]] = []
+        self.part = ""
+        """Of what all stages are a part, said before each."""
         self.paces, self._clock = paces or Paces(), clock or SystemClock()
         self._queue: SimpleQueue[Callable[[], None] | None] | None = None
+        self._open: list[Waiting] = []
 
     @contextmanager
     def apart(self) -> Iterator[None]:
@@ -151,10 +167,17 @@ class Screen:
     def warn(self, text: str) -> None:
         self.say(f"! {text}", "yellow")
 
-    def stage(self, text: str, done: float = 0.0, total: float = 0.0, unit: str = "s") -> None:
-        """Tell what goes on now, but not the terminal; `total` is 0 where nobody knows how long it takes."""
+    def stage(
+        self,
+        text: str,
+        done: float = 0.0,
+        total: float = 0.0,
+        unit: str = "s",
+        left_s: float | None = None,
+    ) -> None:
+        """Tell what goes on now, but not the terminal; `total` is 0 where nobody knows how much it is."""
         for tell in self.stages:
-            tell(text, done, total, unit)
+            tell(f"{self.part}: {text}" if self.part else text, done, total, unit, left_s)
 
     @property
     def attended(self) -> bool:
@@ -218,17 +241,18 @@ class Screen:
 
         `unknown` is said where no such work was done here before.
         """
-        self.stage(text)
         told_s = self._expected_s(work)
+        self.stage(text, left_s=told_s)
         about = unknown if told_s is None else _about(told_s)
-        waiting = Waiting(0.0, told_s, self._clock)
-        if self.console.is_terminal:
-            with self._shown(f"{text} ({unknown})" if told_s is None and unknown else text, None, waiting):
+        with self._timed(work, 0.0, told_s) as waiting:
+            if self.console.is_terminal:
+                with self._shown(
+                    f"{text} ({unknown})" if told_s is None and unknown else text, None, waiting
+                ):
+                    yield
+            else:
+                self.say(f"{text}{f' ({about})' if about else ''} ...")
                 yield
-        else:
-            self.say(f"{text}{f' ({about})' if about else ''} ...")
-            yield
-        self._took(work, waiting)
 
     @contextmanager
     def bar(
@@ -238,28 +262,32 @@ class Screen:
         unit: str = "s",
         work: Work | None = None,
         beside: Callable[[], str] = lambda: "",
+        sooner: bool = False,
+        once: bool = False,
     ) -> Iterator[Callable[[float], None]]:
         """A progress bar up to `total` seconds, or what `unit` says; on a pipe, of a count each quarter.
 
         Where `total` is 0 s a person ends it, nobody knows when, and how long it has gone on is shown.
         What it gives is told how far it is, in that unit; `beside` says what else there is to see. How long
-        `work` takes is told at the start or, where nobody knows, once it is measured.
+        `work` takes is told at the start or, where nobody knows, once it is measured. It may end `sooner`
+        than with all of `total`; what is done but `once` is no part of how long all around it takes.
         """
-        self.stage(text, 0.0, total, unit)
         told_s = self._expected_s(work)
         endless = not total and unit == "s"
         known_s = (total or None) if told_s is None and unit == "s" else told_s
-        waiting = Waiting(total, known_s, self._clock)
-        if self.console.is_terminal:
-            with self._shown(text, None if endless else total, waiting, beside) as show:
+        self.stage(text, 0.0, total, unit, known_s)
+        with self._timed(work, total, known_s, once) as waiting:
+            if self.console.is_terminal:
+                at_most = sooner and told_s is None
+                with self._shown(text, None if endless else total, waiting, beside, at_most) as show:
 
-                def shown(done: float) -> None:
-                    waiting.report(done)
-                    self.stage(text, done, total, unit)
-                    show(done)
+                    def shown(done: float) -> None:
+                        waiting.report(done)
+                        self.stage(text, done, total, unit, waiting.left_s)
+                        show(done)
 
-                yield shown
-        else:
+                    yield shown
+                return
             about = [] if told_s is None else [f"{_about(told_s)}{' in all' if unit == 's' else ''}"]
             size = ", ".join([*([] if endless else [f"{total:g} {unit}"]), *about])
             self.say(f"{text}{f' ({size})' if size else ''} ...")
@@ -267,21 +295,20 @@ class Screen:
 
             def quarters(done: float) -> None:
                 nonlocal said, measured
-                self.stage(text, done, total, unit)
                 waiting.report(done)
                 left_s = waiting.left_s
+                self.stage(text, done, total, unit, left_s)
                 if not measured and left_s is not None:
                     measured = True
                     if left_s + waiting.taken_s >= TOLD_FROM_S:
-                        self.say(f"{text}: about {lasting(left_s)} left")
-                if unit == "s" or unit in _MEASURED:
+                        self.say(f"{text}: {'at most' if sooner else 'about'} {lasting(left_s)} left")
+                if unit in _NO_QUARTERS:
                     return
                 if (now := min(3, int(4 * done / total)) if total else 3) > said:
                     said = now
                     self.say(f"{text} {25 * now} %")
 
             yield quarters
-        self._took(work, waiting)
 
     @contextmanager
     def _shown(
@@ -290,12 +317,13 @@ class Screen:
         total: float | None,
         waiting: Waiting,
         beside: Callable[[], str] = lambda: "",
+        sooner: bool = False,
     ) -> Iterator[Callable[[float], None]]:
         counted = () if total is None else (BarColumn(_BAR),)
         left = _Left(Column(no_wrap=True))
         columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), *counted, left)
         progress = Progress(*columns, console=self.console, transient=True)
-        task = progress.add_task(harmless(text), total=total, waiting=waiting, beside=beside)
+        task = progress.add_task(harmless(text), total=total, waiting=waiting, beside=beside, sooner=sooner)
         self._show(progress.start)
         try:
             yield lambda done: progress.update(task, completed=done)
@@ -305,22 +333,34 @@ class Screen:
     @contextmanager
     def within(self, what: str, work: Work | None) -> Iterator[None]:
         """Say at the start how long all that follows takes, where it was done here before."""
-        waiting = Waiting(0.0, told_s := self._expected_s(work), self._clock)
+        told_s = self._expected_s(work)
         if told_s is not None:
             self.say(f"{what:<10} {_about(told_s)}")
-        yield
-        self._took(work, waiting)
+        with self._timed(work, 0.0, told_s):
+            yield
 
-    def _expected_s(self, work: Work | None) -> float | None:
-        expected_s = None if work is None else self.paces.expected_s(work)
-        return None if expected_s is None or expected_s < TOLD_FROM_S else expected_s
-
-    def _took(self, work: Work | None, waiting: Waiting) -> None:
+    @contextmanager
+    def _timed(
+        self, work: Work | None, total: float, told_s: float | None, once: bool = False
+    ) -> Iterator[Waiting]:
+        """Time what goes on within, and keep what it took if it comes to its end."""
+        waiting = Waiting(total, told_s, self._clock)
+        self._open.append(waiting)
+        try:
+            yield waiting
+        finally:
+            self._open.remove(waiting)
+            for around in self._open if once else ():
+                around.apart_s += waiting.own_s
         if work is not None:
-            seconds = waiting.taken_s
+            seconds = waiting.own_s
             self._show(
                 lambda: self.paces.took(work, seconds)
             )  # a disk that hangs holds up nothing that moves
+
+    def _expected_s(self, work: Work | None) -> float | None:
+        expected_s = None if work is None or not work.units else self.paces.expected_s(work)
+        return None if expected_s is None or expected_s < TOLD_FROM_S else expected_s
 
 
 def _about(seconds: float) -> str:

@@ -157,4 +157,4 @@ class ShapeFollower:
                 behind = round(time_s * self._twin.sample_rate) - self._twin.samples
                 if behind > 0:
                     self._twin.advance(behind)
-                    self._publish(Shape(time_s, self._twin.shape()))
+                    self._publish(self._twin.shape())

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from daq.block import sample_time_ns
 from daq.channel import Channel
 from daq.clock import Clock
 from daq.log.reader import Origin
-from daq.log.records import RECORD_END
+from daq.log.records import RECORD_END, RECORD_START
 from daq.quantity import settings_of
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.card import CardReading
@@ -32,7 +32,7 @@ from rig.session.encoder_record import encoder_channel
 from rig.session.frequency import HELD, ON_THEIR_WAY_S, FrequencyCheck, FrequencyHold, Trimmed
 from rig.session.on_page import show
 from rig.session.pace import Work
-from rig.session.progress import FIRST_START, Screen
+from rig.session.progress import IMPACTS, Screen, first_start
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
 from rig.stream import Consumer
@@ -70,6 +70,7 @@ class Sequence:
     hold: FrequencyHold | None = None
     path: tuple[Any, ...] = ()
     open_ended: bool = False
+    counted: Counted | None = None
 
     def drive_and_record(self) -> float:
         """Move and record, and bring the drive to rest; returns how many s were recorded.
@@ -92,13 +93,20 @@ class Sequence:
             self.feed.feed_from = rig.acquisition.acquired
         count = pre_trigger + self._samples(wanted.duration)
         begin = rig.start_record(count)
-        rig.logbook.tell("info", "record.start", "recording")
-        lasts_s = 0.0 if self.open_ended else wanted.duration
-        with rig.screen.bar("recording", lasts_s, beside=rig.levels.worst) as bar:
+        rig.logbook.tell("info", RECORD_START, "recording")
+        counted = self.counted
+        total, unit = (0.0 if self.open_ended else wanted.duration), "s"
+        if counted is not None:
+            total, unit = counted.wanted, IMPACTS
+        with rig.screen.bar("recording", total, unit, beside=rig.levels.worst) as bar:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
-            rig.watch.until(rig.acquisition, lambda: rig.recorded, lambda: bar(self._since(begin)))
+            rig.watch.until(
+                rig.acquisition,
+                lambda: rig.recorded,
+                lambda: bar(self._since(begin) if counted is None else counted.so_far),
+            )
         end = rig.acquisition.record_until or begin + count
         short = end != begin + count
         rig.logbook.tell("info", RECORD_END, f"{RECORDED} until it was enough" if short else RECORDED)
@@ -156,16 +164,26 @@ class Sequence:
         return round(seconds * self.rig.sample_rate)
 
 
+class Counted(Protocol):
+    """Impacts that end a record: so many are `wanted`, and there were `so_far`."""
+
+    @property
+    def wanted(self) -> int: ...
+
+    @property
+    def so_far(self) -> int: ...
+
+
 @dataclass(frozen=True, slots=True)
 class RunRequest:
     """What to run: checked files, turned by `connect` into devices and notes for the log.
 
     `model`: what calibration found of the rig; None where the twin is the scenario's. `consumers` get every
     record; `enough` is asked in the acquisition thread after each reading that was recorded, and must be
-    quick: once it returns True, the record ends with that reading. `open_ended`: nothing else is meant to end
-    it. `path`: the sections [drive] that the drive comes through before it settles. `armed`: it waits for
-    Enter, with all connected and measuring, before anything moves. `standing` has the devices where they stay
-    connected for the next run. `swept` is shown beside it.
+    quick: once it returns True, the record ends with that reading. `counted` is what a person sees of that.
+    `open_ended`: nothing else is meant to end it. `path`: the sections [drive] that the drive comes through
+    before it settles. `armed`: it waits for Enter, with all connected and measuring, before anything moves.
+    `standing` has the devices where they stay connected for the next run. `swept` is shown beside it.
     """
 
     scenario: Scenario
@@ -181,6 +199,7 @@ class RunRequest:
     armed: bool = False
     standing: Standing | None = None
     swept: Swept | None = None
+    counted: Counted | None = None
 
 
 def run_scenario(request: RunRequest, screen: Screen, clock: Clock) -> Path:
@@ -235,7 +254,8 @@ class _Run:
             wanted.settle,
             rig.stream,
             rig.logbook.tell,
-            lambda text: rig.screen.warn(f"{text}: is {look_at}?"),
+            rig.screen.warn,
+            look_at,
             crew,
         )
         predicted = [channel for channel in predicted_channels(twin) if channel.name in rig.names]
@@ -252,7 +272,7 @@ class _Run:
         stack.enter_context(feed.worker)
         emulated = "daq_card" in self._request.bench.emulated  # then its start has told it
         work = Work(f"warm up {self._scenario.rig}")
-        with rig.screen.busy("warming up the twin", work, "" if emulated else FIRST_START):
+        with rig.screen.busy("warming up the twin", work, "" if emulated else first_start()):
             feed.worker.wait_ready(self._stop.check)
             derivation.wait_ready(self._stop.check)
         log = rig.open_log(stack, self._request.folder, self._scenario.name)
@@ -328,9 +348,9 @@ class _Run:
         return levels
 
     def _await_enter(self) -> None:
-        rig, text = self._rig, "armed: Enter starts"
-        rig.screen.say(text)
-        rig.screen.stage(text)
+        rig = self._rig
+        rig.screen.say("armed: Enter starts")
+        rig.screen.stage("armed: Enter at the terminal starts")
         rig.watch.until(rig.acquisition, rig.screen.enter_pressed())
 
     def _move_and_record(self) -> float:
@@ -340,7 +360,9 @@ class _Run:
             if request.armed:
                 self._await_enter()
             wanted = self._scenario.acquisition
-            moves = Sequence(wanted, rig, self._feed, self._hold, request.path, request.open_ended)
+            moves = Sequence(
+                wanted, rig, self._feed, self._hold, request.path, request.open_ended, request.counted
+            )
             recorded_s = moves.drive_and_record()
         rig.tell_of_marks()
         if rig.encoder is not None:

@@ -10,7 +10,7 @@ from daq.block import as_logged
 from drivers.protocols.card import CardReading
 from rig.session.acquisition import Acquisition
 from rig.stream import Block, Consumer, Shape
-from rig.twin.alignment import Alignment, reference_among
+from rig.twin.alignment import Alignment, nothing_tells, reference_among
 from rig.twin.worker import Drive, Predict, RecordedSpan
 from rig.worker_process import Crew, WorkerFailed, WorkerProcess
 from sim_twin.twin import AnyTwin
@@ -22,7 +22,8 @@ class TwinFeed:
     """Feeds a twin from `feed_from` on, until it is in step, and passes on what it predicts of `names`.
 
     `publish` gets the prediction, `tell(level, code, text)` notes an event, and `unseen` hears what a person
-    should look at where the measurement shows no drive. `worker` is a context of its own.
+    should know where the measurement shows no drive, or has none; at what to look is `look_at`. `worker` is a
+    context of its own.
     """
 
     def __init__(
@@ -34,10 +35,12 @@ class TwinFeed:
         publish: Consumer,
         tell: Callable[[str, str, str], None],
         unseen: Callable[[str], None],
+        look_at: str = "the drive on",
         crew: Crew | None = None,
     ) -> None:
         self._names, self._publish, self._tell, self._unseen = names, publish, tell, unseen
-        self._reference = reference_among(twin.model.channels, names).channel
+        self._look_at, self._channels = look_at, twin.model.channels
+        self._reference = reference_among(self._channels, names).channel
         self._last = self._ends = False
         task = Predict(twin, self._reference, sample_rate, settle_s)
         self.worker = WorkerProcess("twin", task, self._deliver, crew=crew)
@@ -90,7 +93,10 @@ class TwinFeed:
                 if message.trusted:
                     text = f"drive at {message.frequency:.5g} Hz, phase {degrees:.1f} degrees"
                     self._tell("info", "twin.aligned", text)
+                elif missing := nothing_tells(self._channels, self._names):
+                    self._tell("warning", "drive.not_seen", missing)
+                    self._unseen(missing)
                 else:
                     unseen = f"{self._reference} shows no drive"
                     self._tell("warning", "drive.not_seen", f"{unseen}; the twin follows the scenario")
-                    self._unseen(unseen)
+                    self._unseen(f"{unseen}: is {self._look_at}?")

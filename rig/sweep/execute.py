@@ -113,6 +113,7 @@ class Sweeping:
             self._screen.warn(f"point {number}: {point.outcome}: {point.why}; {comes}")
         with Standing(self._request.connect) as standing:
             self._record(todo, len(steps), standing)
+        self._screen.part = ""
         return self._state
 
     def _record(self, todo: Sequence[Step], count: int, standing: Standing) -> None:
@@ -122,6 +123,7 @@ class Sweeping:
             lasts = left(self._request.sweep, self._bench, to_come, self._screen.paces, before)
             said = ", ".join(f"{key} {value}" for key, value in step.point.settings.items())
             self._screen.say(f"point {step.point.number} of {count}  {said}  ({lasts} left)")
+            self._screen.part = f"point {step.point.number} of {count} ({lasts} left)"
             for axis in self._request.sweep.axes:
                 value, now = step.point.settings[axis.key], self._state.by_hand.get(axis.key)
                 if axis.by_hand and now != value:
@@ -165,6 +167,7 @@ class Sweeping:
                 path=come_to.path,
                 standing=standing,
                 swept=None if self._view is None else self._swept_so_far(point),
+                counted=counted,
             )
             with self._told(point.number, folder):
                 log = self._run(asked, self._screen, self._clock)
@@ -243,14 +246,14 @@ class ImpactCount:
     """
 
     def __init__(
-        self, channels: Sequence[str], enough: int, cycle_hz: float, above: float | None = None
+        self, channels: Sequence[str], wanted: int, cycle_hz: float, above: float | None = None
     ) -> None:
-        self._channels, self._enough, self._cycle_hz = channels, enough, cycle_hz
+        self._channels, self.wanted, self._cycle_hz = channels, wanted, cycle_hz
         self._levels = {} if above is None else dict.fromkeys(channels, Levels(above, above / 2))
         self._first: dict[str, list[SampleBlock]] = {}
         self._watches: dict[str, ImpactWatch] = {}
         self._seen_s, self._settled = 0.0, False
-        self._count = 0
+        self._count = self.so_far = 0
 
     def __call__(self, record: Record) -> None:
         match record:
@@ -265,8 +268,8 @@ class ImpactCount:
 
     def enough(self) -> bool:
         """Whether there are enough; an impact counts once no bounce of it can follow."""
-        count = self.count
-        return count >= self._enough and (bool(self._levels) or self._seen_s * self._cycle_hz >= CYCLES)
+        self.so_far = count = self.count
+        return count >= self.wanted and (bool(self._levels) or self._seen_s * self._cycle_hz >= CYCLES)
 
     @property
     def count(self) -> int:

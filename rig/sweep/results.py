@@ -113,7 +113,7 @@ def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
     for point in sweep.points:
         ended = state.points.get(point.number)
         if ended is not None:
-            figures = [f"{ended.figures[name]:.6g}" if name in ended.figures else "" for name in names]
+            figures = [f"{ended.figures[name]:.9g}" if name in ended.figures else "" for name in names]
             values = [point.settings[key] for key in keys]
             counted = impacts_recorded(ended)
             rows.writerow([point.number, *values, ended.outcome, counted, *figures, ended.log or ""])
@@ -121,11 +121,23 @@ def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
     return folder / TABLE
 
 
-def points_of(sweep: Sweep, state: SweepState) -> list[dict[str, Any]]:
-    """Each point that has ended, for a program: its settings, and what `PointState` holds of it."""
+def points_of(folder: Path, sweep: Sweep, state: SweepState) -> list[dict[str, Any]]:
+    """Each point that has ended, for a program: its settings, how it ended, its log and its figures.
+
+    `impacts` is how many its record holds, as in the table; `counted` how many were over when they ended it.
+    """
     ended = ((point, state.points.get(point.number)) for point in sweep.points)
     return [
-        {"point": point.number, "settings": dict(point.settings), **dataclasses.asdict(each)}
+        {
+            "point": point.number,
+            "settings": dict(point.settings),
+            "outcome": each.outcome,
+            "why": each.why,
+            "log": each.log and str(folder / each.log),
+            "impacts": int(each.figures[IMPACTS]) if IMPACTS in each.figures else None,
+            "counted": each.impacts,
+            "figures": {name: value for name, value in each.figures.items() if name != IMPACTS},
+        }
         for point, each in ended
         if each is not None
     ]

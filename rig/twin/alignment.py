@@ -196,6 +196,17 @@ def reference_among(table: ChannelTable, channels: Container[str], twin: AnyTwin
     return Reference(name, align, cycles)
 
 
+def nothing_tells(table: ChannelTable, channels: Container[str]) -> str:
+    """What it means that none of `channels` tells where in its cycle the drive is; empty where one does."""
+    names = table.with_role(*_ALIGNED)
+    if any(name in channels for name in names):
+        return ""
+    return (
+        f"no channel is {' or '.join(names)}, so nothing tells the drive's phase: the twin follows the "
+        "scenario, and no run is judged or diagnosed"
+    )
+
+
 WORST_BY_GAUGE: Final = 2.0
 """It feels the impacts too, by the inertia of what moves with the coil."""
 _GAUGE_RATE, _GAUGE_CYCLES, _GAUGE_SETTLE_S = 25_600.0, 20, 1.0

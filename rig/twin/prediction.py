@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.block import SampleBlock, as_logged, sample_time_ns
+from rig.stream import Shape
 from rig.twin.alignment import Alignment
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after
@@ -20,6 +21,8 @@ _LEAST_SETTLE_S = 1.0
 _DROOP_TIMES = 5.0
 """Time constants after which a charge amplifier is in steady state to under a percent."""
 BLOCK_S = 0.1
+_GOLDEN = (5**0.5 - 1) / 2
+"""Steps of so many cycles come to every phase evenly, however few they are."""
 
 
 def settling_s(twin: AnyTwin, settle_s: float) -> float:
@@ -38,7 +41,9 @@ def skip(stream: TwinStream, count: int) -> None:
         stream.advance(min(most, count - first))
 
 
-def blocks_of(stream: TwinStream, first_sample: int, end_sample: int, start_ns: int) -> Iterator[SampleBlock]:
+def blocks_of(
+    stream: TwinStream | AlignedTwin, first_sample: int, end_sample: int, start_ns: int
+) -> Iterator[SampleBlock]:
     """Blocks of at most 0.1 s of every channel from where `stream` is; `start_ns` is the time of sample 0."""
     most = max(1, round(BLOCK_S * stream.sample_rate))
     for first in range(first_sample, end_sample, most):
@@ -72,7 +77,8 @@ class AlignedTwin:
         self.sample_rate = sample_rate
         self._stream = twin.model.stream(twin, sample_rate)
         drive = twin.drive.at_cycle_hz(alignment.frequency)
-        self.samples = 0
+        self.samples = self._before = self._looks = 0
+        self._cycle = sample_rate / drive.cycle_hz
         self._beside = None
         encoder = twin.sensors.get(ENCODER_ANGLE.name)
         if isinstance(encoder, Encoder):
@@ -82,24 +88,35 @@ class AlignedTwin:
             phase = drive.phase_after(alignment.phase, alignment.frequency, alignment.onset / sample_rate)
             self._stream.drive(drive, phase, alignment.onset)
             return
-        before = round(settling_s(twin, settle_s) * sample_rate)
+        self._before = before = round(settling_s(twin, settle_s) * sample_rate)
         self._stream.drive(
             drive, drive.phase_after(alignment.phase, alignment.frequency, -before / sample_rate), 0.0
         )
         skip(self._stream, before)
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return self._stream.channels
+
     def advance(self, count: int) -> NDArray[np.float64]:
         """Next `count` samples, shape (channels, count)."""
+        self._looks += 1
+        after = round(self._looks * _GOLDEN % 1.0 * self._cycle)  # of whole cycles the end is always alike
+        if not 0 < after < count:
+            after = 0
+        values = self._stream.advance(count - after)
+        time_s, points = self._stream.shape()
+        self._seen = Shape(time_s - self._before / self.sample_rate, points)
         self.samples += count
-        return self._stream.advance(count)
+        return np.concatenate((values, self._stream.advance(after)), axis=1) if after else values
 
     def blocks(self, end_sample: int, start_ns: int) -> Iterator[SampleBlock]:
         """Blocks of every channel up to `end_sample`; `start_ns` is the time of sample 0."""
-        first, self.samples = self.samples, max(self.samples, end_sample)
-        yield from blocks_of(self._stream, first, end_sample, start_ns)
+        first = self.samples
+        yield from blocks_of(self, first, end_sample, start_ns)
         if self._beside is not None and end_sample > first:
             yield self._beside(first, end_sample, start_ns)
 
-    def shape(self) -> NDArray[np.float64]:
-        """What a picture of the rig needs of it now, in m: see its `Truth.shape`."""
-        return self._stream.shape()[1]
+    def shape(self) -> Shape:
+        """Where its rig was during the last `advance`, at another phase of the cycle each time."""
+        return self._seen

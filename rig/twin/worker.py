@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.stream import Block, Shape
+from rig.stream import Block
 from rig.twin.alignment import Alignment, reference_among
 from sim_twin.twin import AnyTwin
 
@@ -113,4 +113,4 @@ class _Prediction:
         for block in self._aligned.blocks(record.end_sample, record.start_ns):
             self._send(Block("predicted", block))
         if record.end_sample:
-            self._send(Shape(record.end_sample / self._rate, self._aligned.shape()))
+            self._send(self._aligned.shape())

@@ -23,6 +23,7 @@ _UNIT = (
     "A gap of 1.0 is as far as a healthy rig of the same scenario lies from the twin, with its tolerances, "
     "its noise and the same amount of data. It compares distributions over the cycles, never waveforms."
 )
+_VERDICTS = {"effect": "effect", "none": "nothing missing", "unknown": "unknown"}
 _SURE, _LIKELY = 0.9, 0.6
 LEFT_OPEN = 1.5
 """A gap that is left from which on the repaired twin is not the rig."""
@@ -39,7 +40,7 @@ def parts(case: Case) -> list[Part]:
     found, gap = case.findings, case.findings.gap
     sure = {"effect": found.effect, "none": found.none, "unknown": found.unknown}[found.verdict]
     numbers = [
-        BigNumber("Verdict", found.verdict, f"probability {probability(sure)}"),
+        BigNumber("Verdict", _VERDICTS[found.verdict], f"probability {probability(sure)}"),
         BigNumber("Gap before", floors(gap.before), "nominal twin; 1.0 = healthy"),
     ]
     if case.repaired:

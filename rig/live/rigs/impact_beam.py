@@ -17,7 +17,7 @@ from daq.log.records import Impact
 from rig.live import paths
 from rig.live.picture import Layout, OwnViews, Stage, looking
 from rig.live.series import over_time, points_style
-from rig.live.sketch import FRAMES, Line, sketched
+from rig.live.sketch import FRAMES, LATER, Line, sketched
 from rig.stream import Record, Shape
 from sim_twin.rigs.impact_beam.channels import LOWER, UPPER
 
@@ -147,8 +147,10 @@ class BeamSketch:
         fixed.append(np.array([[0.0, 0.0], [length, 0.0]]))
         reach = 0.36 * length
         room = (-0.04 * length, -reach, 1.12 * length, reach)
-        what = f"{whose} beam, {self._picture.magnification:.0f} x" if frames else "stops"
-        caption = f"{what}, slowed; arrows: forces on {'the stops' if frames else 'them'}"
+        caption = "stops, slowed; arrows: forces on them"
+        if self._shown.origins.get("predicted"):
+            large = f"{self._picture.magnification:.0f} x"
+            caption = f"{whose} beam, {large}, slowed; arrows: forces on the stops{'' if frames else LATER}"
         ends = [
             (side, (length, stop), sign)
             for side, stop, sign in zip(_SIDES, stops, (1.0, -1.0), strict=True)

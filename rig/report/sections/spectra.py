@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, log10
+from math import ceil, log10, nan
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from daq.signals.spectrum import autospectrum, log_bands
 from rig.derived.order_lines import HIGHEST_ORDER, LOWEST_ORDER, TURNS, largest_in_bands
 from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots
-from rig.pages.words import DASH, number
+from rig.pages.words import DASH, number, numbers
 from rig.report.crank_figures import beside_turns, counted_by, cut, left_out, order_lines
 from rig.report.record import DRAWN, ORIGINS, RunRecord
 
@@ -101,12 +101,11 @@ def orders(run: RunRecord) -> list[Part]:
         plots.axes(cell, f"{name}, {unit or '-'}", "order", x_axis=x, y_axis=y, share_x_with=0)
         for whose, (order, heard) in bands.items():
             plots.line(cell, whose, order, heard, subject=name)
-            strongest = [DASH, DASH]
-            if len(heard):
-                at = int(np.argmax(heard))
-                strongest = [number(float(order[at])), number(float(heard[at]))]
-            first = (number(float(lines[whose][TURNS * order])) for order in _IN_TABLE)
-            rows.append([f"{name}, {whose}", unit, *strongest, *first])
+            at = int(np.argmax(heard)) if len(heard) else None
+            strongest = DASH if at is None else number(float(order[at]))
+            largest = nan if at is None else float(heard[at])
+            amplitudes = numbers([largest, *(float(lines[whose][TURNS * each]) for each in _IN_TABLE)])
+            rows.append([f"{name}, {whose}", unit, strongest, *amplitudes])
     orders = (f"order {order}" for order in _IN_TABLE)
     headings = ("channel, whose", "unit", "strongest order", "its amplitude", *orders)
     return [

@@ -9,7 +9,7 @@ import numpy as np
 from rig.derived.settings import role_of
 from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots, points_each
-from rig.pages.words import DASH, difference, number
+from rig.pages.words import DASH, difference, number, signed
 from rig.report.crank_figures import counted_by, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Trace
 from sim_twin.rigs.channel_table import Role
@@ -81,7 +81,7 @@ def _angles(run: RunRecord) -> list[Part]:
         if len(apart):
             mean = np.angle(apart.mean())
             spread = float(np.degrees(np.std(np.angle(apart * np.exp(-1j * mean)))))
-            rows.append([name, f"{np.degrees(mean):+.2f}°", f"{spread:.2f}°"])
+            rows.append([name, f"{signed(float(np.degrees(mean)))}°", f"{spread:.2f}°"])
     return [Table(("channel", "measured less predicted", "scatter"), rows, "Angles")] if rows else []
 
 

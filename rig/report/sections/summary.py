@@ -32,8 +32,9 @@ def parts(run: RunRecord) -> list[Part]:
     """The verdict, duration, state of the data, where the twin is worst, and a row for each channel."""
     state = BigNumber("Measured", "nothing", "a prediction only")
     if run.measured:
-        remark = f"{counted(len(run.gaps), 'gap')}, {counted(run.overloaded_blocks, 'overloaded block')}"
-        state = BigNumber("Samples", f"{run.missing} missing" if run.missing else "complete", remark)
+        remark = f"{counted(run.measured_gaps, 'gap')}, {counted(run.overloaded_blocks, 'overloaded block')}"
+        whole = "cut short" if run.measured_gaps else "complete"
+        state = BigNumber("Samples", f"{run.missing} missing" if run.missing else whole, remark)
     numbers = [
         BigNumber("Recorded", number(run.duration_s, "s"), run.facts.drive),
         state,
@@ -142,6 +143,8 @@ def _worst_rms(run: RunRecord) -> Iterator[BigNumber]:
         name = max(apart, key=apart.__getitem__)
         rms = [run.tallies[origin, name].rms for origin in ("predicted", "measured")]
         told = f"rms of {name}, {run.whose('predicted')} against measured"
+        if run.verdict is not None and run.verdict.well:
+            told += "; healthy rigs scatter as much"
         yield BigNumber("Largest difference", difference(*rms), told)
 
 

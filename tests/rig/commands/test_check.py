@@ -328,6 +328,19 @@ def test_a_real_shaker_beside_an_emulated_card_is_remarked(call: Call, tmp_path:
         assert remark in checked.out
 
 
+def test_a_bench_on_which_nothing_tells_the_drives_phase_says_that_no_run_is_judged(
+    call: Call, tmp_path: Path
+) -> None:
+    bench = write_bench(tmp_path / "bench.toml")
+    assert "no run is judged" not in call("check", bench).out
+    first, *channels = bench.read_text().split("[[daq_card.channels]]")
+    others = [each for each in channels if 'name = "drive.force"' not in each]
+    assert len(others) == len(channels) - 1
+    bench.write_text("[[daq_card.channels]]".join([first, *others]))
+    assert "! no channel is drive.force" in call("check", bench).out
+    assert "no run is judged or diagnosed" in call("check", bench).out
+
+
 def test_a_scenario_with_every_key_passes(call: Call, tmp_path: Path) -> None:
     file = tmp_path / "whole.toml"
     shown = call("scenario", "planar_slider_crank")

@@ -70,7 +70,7 @@ def test_how_much_is_predicted_goes_by_the_record_not_by_what_was_asked(tmp_path
     asked = RUN.replace('"2 s"', '"86400 s"')
     run = write_log(tmp_path / "run.mcap", 0.5, origins=["measured"], scenario=asked)
     screen, told = silent_screen(), list[tuple[float, float]]()
-    screen.stages.append(lambda text, done, total, _: told.append((done, total)))
+    screen.stages.append(lambda text, done, total, *_: told.append((done, total)))
     overlay_run(run, tmp_path / "overlay.mcap", screen=screen)
     assert told[-1] == (pytest.approx(0.5), pytest.approx(0.5))
 

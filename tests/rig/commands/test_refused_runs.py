@@ -73,7 +73,7 @@ def test_a_folder_on_a_disk_that_takes_nothing_is_refused(call: Call) -> None:
     [
         (
             ("--set", "drive.frequenzy=21 Hz"),
-            'drive.frequenzy = "21 Hz": unknown key; did you mean frequency?',
+            'drive.frequenzy = "21 Hz": unknown key; did you mean drive.frequency?',
         ),
         (("--set", "drve.frequency=21 Hz"), "did you mean drive?"),
         (("--set", "drive=21"), "drive = 21: "),

@@ -131,7 +131,7 @@ def test_an_emulated_encoder_needs_nothing_else() -> None:
         (changed('"E"', '"even"'), "inverter.parity", '"E" or "O" or "N"'),
         (changed('# silent = "0.7 s"', 'silent = "0.2 s"'), "inverter.silent", "longer than answer, 0.2 s"),
         (changed("node = 7", "node = 128"), "encoder.node", "a whole number from 1 to 127"),
-        (changed("node = 7", "nod = 7\nnode = 7"), "encoder.nod", "did you mean node?"),
+        (changed("node = 7", "nod = 7\nnode = 7"), "encoder.nod", "did you mean encoder.node?"),
         (changed('host = "127.0.0.1"', 'host = "10.0.0.8"'), "encoder.host", "an SSH tunnel"),
         (changed("port = 29536", 'port = "29536"'), "encoder.port", "a whole number from 1 to 65535"),
         (changed("port = 29536", "port = 70000"), "encoder.port", "a port from 1 to 65535"),

@@ -65,7 +65,7 @@ def test_empty_list_is_no_effect(tmp_path: Path) -> None:
         (
             [{"name": "clearance", "parameters": {"scale": 1.5, "scael": 1}}],
             "[1].clearance.scael",
-            "mean scale?",
+            "mean [1].clearance.scale?",
         ),
         ([{"name": "clearance", "parameters": {"scale": 1.5}, "value": 1}], "[1].value", "unknown key"),
         ([BASE, BASE], "[2].name", "once in a file"),

@@ -69,7 +69,7 @@ def test_an_effect_and_a_setting_change_what_is_predicted(scenario: Path) -> Non
         (GAIN, None, r"^effects:\n.*a list such as"),
         ([{"name": "clearance", "parameters": {"scale": object}}], None, r"scale = .*<class 'object'>"),
         ([{"name": "clearance", "parameters": {"scale": np.float32(99)}}], None, r"scale = 99"),
-        (None, {"drive.frequenzy": "3 Hz"}, "did you mean frequency"),
+        (None, {"drive.frequenzy": "3 Hz"}, "did you mean drive.frequency"),
         ("gone.json", None, r"gone\.json"),
     ],
 )

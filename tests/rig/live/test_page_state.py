@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from multiprocessing import Pipe
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
-from daq.log.records import RECORD_END, Event, Impact
+from daq.log.records import RECORD_END, RECORD_START, Event, Impact
 from rig.bounds import Bounds
 from rig.live.page_process import records
 from rig.live.page_state import PERIOD_S, PageState
@@ -188,8 +189,37 @@ def test_a_beam_that_nobody_predicts_is_not_said_to_be_drawn() -> None:
     sketch = told.newest()["sketch"]
     assert sketch["caption"] == "stops, slowed; arrows: forces on them"
     assert not sketch["frames"]
+
+
+def test_a_picture_that_does_not_move_yet_says_when_it_will() -> None:
+    told = Told()
+    told.state.take(layout_of("run", [FORCE], [FORCE], BEAM, cycle_s=CYCLE_S))
+    assert told.newest()["sketch"]["caption"].endswith("forces on the stops, from the start of the record on")
     told.state.take(Shape(0.1, np.zeros(20)))
-    assert told.newest()["sketch"]["caption"].startswith("predicted beam, 265 x")
+    sketch = told.newest()["sketch"]
+    assert sketch["caption"] == "predicted beam, 265 x, slowed; arrows: forces on the stops"
+    assert len(sketch["frames"]) == 24
+
+
+def test_the_highest_level_is_of_the_record_and_none_of_its_start_or_end(told: Told) -> None:
+    def most() -> float:
+        return float(told.newest()["channels"][0]["most"])
+
+    told.state.take(Levels(START_NS, [80.0]))
+    assert most() == 80.0
+    told.state.take(Event(START_NS, "info", "rig", RECORD_START, "recording"))
+    told.state.take(Levels(START_NS, [30.0]))
+    assert most() == 30.0
+    told.state.take(Event(START_NS, "info", "rig", RECORD_END, "recorded"))
+    told.state.take(Levels(START_NS, [50.0]))
+    assert most() == 30.0
+
+
+def test_an_event_has_the_time_of_day(told: Told) -> None:
+    told.state.take(Event(START_NS, "warning", "rig", "limit.warning", "too high"))
+    [[level, at, text]] = told.newest()["events"]
+    assert (level, text) == ("warning", "too high")
+    assert re.fullmatch(r"\d\d:\d\d:\d\d", at)
 
 
 def test_an_encoder_beside_the_card_does_not_turn_the_crank() -> None:

@@ -431,4 +431,4 @@ def test_each_angle_tells_how_far_it_lies_from_where_it_is_predicted(run: RunRec
     tables = [part for part in speed_parts(both) if isinstance(part, Table)]
     (rows,) = (each.rows for each in tables if each.caption == "Angles")
     assert [row[0] for row in rows] == ["crank.angle", "encoder.angle"]
-    assert rows[1][1:] == ["-0.60°", "0.00°"]
+    assert rows[1][1:] == ["−0.60°", "0.00°"]

@@ -394,7 +394,7 @@ def test_a_record_that_ended_early_is_told_and_timed_by_what_was_recorded(in_tur
     rig, stages = in_turn.rig, list[tuple[str, float, float]]()
     screen, paces = silent_screen(), Known(None)
     screen.paces = paces
-    screen.stages.append(lambda text, done, total, _: stages.append((text, done, total)))
+    screen.stages.append(lambda text, done, total, *_: stages.append((text, done, total)))
     long = {"acquisition.duration": "20 h", "acquisition.settle": "0 s"}
     request = RunRequest(edited(rig.scenario, long, "long"), rig.bench, rig.connect, rig.folder)
     run_scenario(replace(request, enough=lambda: len(stages) > 5, open_ended=True), screen, SystemClock())

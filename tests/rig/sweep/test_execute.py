@@ -143,7 +143,7 @@ def test_what_was_recorded_of_a_point_that_was_stopped_is_told(trial: Trial) -> 
     state = load_state(trial.folder)
     assert state is not None
     assert state.points[2].log == "point-0002/part.mcap"
-    first, second = points_of(trial.sweep, state)
+    first, second = points_of(trial.folder, trial.sweep, state)
     assert (first["point"], first["outcome"], first["settings"]) == (
         1,
         "done",

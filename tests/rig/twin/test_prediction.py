@@ -66,3 +66,13 @@ def test_before_its_onset_the_twin_is_at_rest() -> None:
 def test_a_drive_that_ran_before_has_the_twin_bouncing_at_sample_0() -> None:
     upper = aligned().advance(2560)[TWIN.channels.index("contact.force_upper")]
     assert upper.max() > 10.0
+
+
+def test_a_picture_of_each_block_shows_every_phase_of_the_cycle_though_blocks_last_whole_cycles() -> None:
+    twin, phases = aligned(), [0.0]
+    for end in range(5120, 13 * 5120, 5120):
+        *_, last = twin.blocks(end, START_NS)
+        shown = twin.shape()
+        assert end - 5120 <= round(shown.time_s * RATE) <= last.end_sample + 64
+        phases.append(shown.time_s * 20.0 % 1.0)
+    assert np.diff([*sorted(phases), 1.0]).max() < 0.25
