@@ -72,7 +72,7 @@ NOTHING_EMULATED: Final = Emulated({}, 0, drive_follows_scenario=False)
 STARTING: Final = "starting the emulated instruments"
 
 
-def starting(bench: Bench) -> str:
+def first_start_of(bench: Bench) -> str:
     """What a person is told of it where nobody knows how long that takes."""
     return first_start() if "daq_card" in bench.emulated else ""
 

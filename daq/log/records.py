@@ -7,10 +7,11 @@ from dataclasses import dataclass
 LEAST_FREE_BYTES = 1 << 30
 """What a recording leaves of a disk: room to finish the log, and for whatever else the machine writes."""
 
-RECORD_START, RECORD_END = "record.start", "record.end"
-STOPPING, LIMIT_WARNING = "drive.stopping", "limit.warning"
-"""Codes of events: a record has come to its end; the rig is brought to rest before its time; a channel has
-passed what only warns."""
+RECORD_START, RECORD_END, STOPPING, LIMIT_WARNING = (
+    "record.start", "record.end", "drive.stopping", "limit.warning"
+)  # fmt: skip
+"""Codes of events: a record begins, has come to its end; the rig is brought to rest before its time; a
+channel has passed what only warns."""
 
 CALIBRATED, SENSITIVITY, RANGE = "calibrated.", "sensitivity.", "range."
 """Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit, full scale."""

@@ -88,12 +88,6 @@ def diagnose(
     for text, share in sorted(lines.items(), key=lambda item: -item[1]):
         if share >= _WORTH_LISTING:
             screen.say(f"{share:6.1%}  {text}")
-    known = findings.selected and findings.gap.after is not None
-    names = " and ".join(cause.name for cause in findings.selected)
-    after = f" -> {findings.gap.after:.2f} with {names} in the twin" if known else ""
-    if findings.selected and not known:
-        after = f" (no time to simulate the twin with {names} in it: more --budget)"
-    screen.say(f"gap        {findings.gap.before:.2f}{after}   (1 = as far as a healthy rig)")
     for line in argument_lines(content):
         screen.say(line)
     for what, file in files.items():

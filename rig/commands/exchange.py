@@ -88,7 +88,7 @@ def export(
             left = [each for each in other_rates(recording) if each.channel.name not in asked]
             kept = tuple(each for each in recording.tracks if each not in left)
             recording = dataclasses.replace(recording, tracks=kept, impacts=())
-            for told in _left_out([each.name for each in left], len(log.impacts())):
+            for told in _left_out([each.name for each in left], bool(log.impacts())):
                 screen.say(f"left out   {told} (--all-rates)")
         with screen.busy("writing", Work(f"write {to}", len(recording.tracks) * work.units)):
             written = chosen.write(recording, target, screen.warn)
@@ -96,13 +96,13 @@ def export(
         screen.say(f"file       {path}")
 
 
-def _left_out(names: Sequence[str], impacts: int) -> Iterator[str]:
+def _left_out(names: Sequence[str], impacts: bool) -> Iterator[str]:
     """What one table of one rate has no room for, in words."""
     if names:
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         yield f"{', '.join(names[:_NAMED])}{more}: other rates"
     if impacts:
-        yield f"{impacts} impacts"
+        yield "impacts"
 
 
 def _with_impacts(recording: Recording, log: LogReader) -> Recording:

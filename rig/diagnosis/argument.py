@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from daq.signals.envelope import envelope
-from rig.pages.words import estimate, probability, span
+from rig.pages.words import counted, estimate, probability, span
 from sim_twin.diagnosis.cause import Hypothesis
 from sim_twin.diagnosis.findings import Findings
 from sim_twin.diagnosis.fingerprint import Cell
@@ -20,6 +20,8 @@ _DECIBELS = 10 / log(10)
 _POINTS = 600
 _DIGITS = 5
 _BELIEVED = 0.01
+SAME = 1.0
+"""Apart by less in what healthy rigs differ by: two predictions that nobody can tell apart."""
 
 
 def in_unit(cell: Cell, unit: str, number: float, nominal: float) -> tuple[float, str]:
@@ -136,10 +138,6 @@ def argument_lines(content: Mapping[str, Any]) -> list[str]:
                 if "ci95" in one
             ]
             told.append(f"in the rig {each['name']} {probability(each['present'])}: {', '.join(sizes)}")
-    shrink, interval = content["gap"]["shrink"], content["gap"]["shrink_ci95"]
-    if content["selected"] and shrink is not None and interval is not None:
-        low, high = (f"{100 * end:.0f}" for end in interval)
-        told.append(f"shrink     {100 * shrink:.0f} % (95 % interval {low} to {high} %)")
     for run in content["runs_alone"]:
         first = run["believed"][0]
         whose = " and ".join(first["effects"]) or "nothing missing"
@@ -155,22 +153,25 @@ def argument_lines(content: Mapping[str, Any]) -> list[str]:
 
 
 def _why_not(contrasts: Sequence[Mapping[str, Any]]) -> str:
-    """The figure that speaks most clearly against the next best, or that none does."""
-    against = [one for one in contrasts if _nearer(one, "selected", "runner_up")]
+    """The figure that speaks most clearly against the next best; the most telling ones come first."""
+    if contrasts[0]["apart"] < SAME:
+        return "these runs cannot tell them apart"
+    against = [one for one in contrasts if speaks_for_answer(one)]
     if not against:
-        return f"none of {len(contrasts)} figures in which both differ most speaks against it"
-    one = max(against, key=lambda each: float(each["apart"]))
+        return f"of the {counted(len(contrasts), 'figure')} in which both differ most none speaks against it"
+    one = against[0]
     measured, ours, other = (
         estimate(one[whose], one["unit"]) for whose in ("measured", "selected", "runner_up")
     )
     others = len(contrasts) - len(against)
-    but = f"; {others} of {len(contrasts)} figures say otherwise" if others else ""
+    but = f"; {others} of {counted(len(contrasts), 'figure')} say otherwise" if others else ""
     figure = f"{one['channel']}, {one['what']}"
     return f"{figure} is {measured}; the answer predicts {ours}, that {other}{but}"
 
 
-def _nearer(one: Mapping[str, Any], whose: str, other: str) -> bool:
-    return bool(abs(one["measured"] - one[whose]) < abs(one["measured"] - one[other]))
+def speaks_for_answer(one: Mapping[str, Any]) -> bool:
+    """Whether what was measured lies nearer to what was selected than to the runner-up, of a contrast."""
+    return bool(abs(one["measured"] - one["selected"]) < abs(one["measured"] - one["runner_up"]))
 
 
 def _span(one: Mapping[str, Any]) -> str:

@@ -73,14 +73,12 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
 
 
 def _next_step(log: Path, matched: bool, repaired: bool = False) -> str:
-    """A command that judges by the twin that the verdict went by; of one with effects, by these."""
-    if repaired:
-        return (
-            "Judged without the effects of this overlay; how far the gap shrinks with them: "
-            f"rattle gap {quote(str(log))} --effects EFFECTS.json"
-        )
+    """A command that judges by the model that the verdict went by; of an overlay, with its effects."""
     model = " --model MODEL.toml" if matched else ""
     by = ", by the model that the run had" if matched else ""
+    if repaired:
+        gap = f"rattle gap {quote(str(log))} --effects EFFECTS.json{model}"
+        return f"Judged without the effects of this overlay; how far they close the gap: {gap}{by}"
     return f"What causes it: rattle diagnose {quote(str(log))}{model} --out answer{by}"
 
 
@@ -138,10 +136,7 @@ def band_of(run: AloneRun, model: str, rigs: int, screen: Screen) -> HealthyBand
     draws = [Draw((), seed, blocks=run.blocks) for seed in range(rigs)]
     what = "simulating healthy rigs, once for this scenario"
     work = work_of("simulate", run.campaign, [draw.blocks for draw in draws])
-    with (
-        screen.bar(what, len(draws), "rigs", work, once=True) as bar,
-        worker_processes(cores()) as workers,
-    ):
+    with screen.bar(what, len(draws), "rigs", work) as bar, worker_processes(cores()) as workers:
         simulated = Simulated(run.campaign, workers.executor, time.monotonic() + _SIMULATED_S, bar)
         shown = simulated(draws)
     healthy = [each[0] for each in shown if each and each[0] is not None]

@@ -51,8 +51,12 @@ class Faults:
         names = list(known)
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
         listed = ", ".join(names) if len(names) <= _MOST_LISTED else f"{len(names)}, see rattle scenario RIG"
-        table = key.removesuffix(name) if key.endswith(f".{name}") else ""
-        hint = f"did you mean {table}{near[0]}?" if near else f"known here: {listed}"
+        table = key.removesuffix(f".{dotted('', name)}")
+        hint = (
+            f"did you mean {near[0] if table == key else dotted(table, near[0])}?"
+            if near
+            else f"known here: {listed}"
+        )
         self.add(key, value, f"unknown {kind}; {hint}")
 
     def error(self) -> ConfigurationError:

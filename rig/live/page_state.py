@@ -64,7 +64,7 @@ class _Trace:
             self._bins.clear()  # another record begins
         self.rate = block.sample_rate
         self.recent.add(block)
-        values, a_bin = self.seen(block.values), max(round(self._bin_s * self.rate), 1)
+        values, a_bin = self.seen(block.values), self._a_bin
         first = block.first_sample // a_bin
         starts = np.maximum(np.arange(first, (block.end_sample - 1) // a_bin + 1) * a_bin, block.first_sample)
         least, most = _extremes(values, starts - block.first_sample)
@@ -74,13 +74,21 @@ class _Trace:
         for old in [at for at in self._bins if at <= first - _TREND_S / self._bin_s]:
             del self._bins[old]
 
+    @property
+    def _a_bin(self) -> int:
+        """In samples."""
+        return max(round(self._bin_s * self.rate), 1)
+
     def seen(self, values: Array) -> Array:
         """As the page shows them: an angle, which grows for ever, as part of a turn."""
         return np.degrees(np.mod(values, math.tau)) if self._wraps else values
 
-    def trend(self, first: int, count: int) -> Array:
-        """Least and largest in each bin from `first` on, shape (2, count); none of one that is under way."""
-        whole = max(int(self.recent.end_sample / max(round(self._bin_s * self.rate), 1)), 1)
+    def trend(self, first: int, count: int, over: bool) -> Array:
+        """Least and largest in each bin from `first` on, shape (2, count).
+
+        None of a bin that is under way, but for the first of all, until all is `over`.
+        """
+        whole = math.inf if over else max(self.recent.end_sample // self._a_bin, 1)
         return np.array(
             [self._bins[at] if at in self._bins and at < whole else (np.nan, np.nan)
              for at in range(first, first + count)]
@@ -205,11 +213,11 @@ class PageState:
         self._events.append((event.level, told, event.text))
 
     def _note_levels(self, most: dict[str, float]) -> None:
-        if self._recorded:  # as the drive ramps down, and at rest
-            return
         for name, level in most.items():
-            if math.isfinite(level) and name not in self._wraps:
-                self._levels[name] = float(level)
+            if not math.isfinite(level) or name in self._wraps:
+                continue
+            self._levels[name] = float(level)
+            if not self._recorded:  # what comes as the drive ramps down is none of the record's
                 self._most[name] = max(float(level), self._most.get(name, 0.0))
 
     def _note_block(self, origin: Origin, samples: SampleBlock) -> None:
@@ -299,7 +307,7 @@ class PageState:
             if trace is not None:
                 many, cycle, band = trace.cycles(*self._grid, self._columns) or (0, None, None)
                 self._banded = max(many, self._banded)
-                trend = trace.trend(first_bin, bins) if trace.rate else None
+                trend = trace.trend(first_bin, bins, self._recorded or self._ended) if trace.rate else None
                 shown.append((layout.whose(origin), [cycle, band, trend]))
         drawn = [each * factor for _, parts in shown for each in parts if each is not None]
         low, high = (edge / factor for edge in self._edge(name, drawn))

@@ -38,7 +38,9 @@ def numbers(values: Sequence[float]) -> list[str]:
     finite = [abs(value) for value in values if math.isfinite(value)]
     most = max(finite, default=0.0)
     as_decimal = f".{3 - math.floor(math.log10(most))}f" if 1e-3 <= most < 1e4 else ".3e"
-    return [f"{value:{as_decimal}}" if math.isfinite(value) and most else number(value) for value in values]
+    told = (f"{value:{as_decimal}}" for value in values)
+    return [text if math.isfinite(value) and float(text) else number(value)
+            for text, value in zip(told, values, strict=True)]  # fmt: skip
 
 
 def signed(value: float, decimals: int = 2) -> str:

@@ -221,8 +221,8 @@ class RunRecord:
 
     @property
     def measured_gaps(self) -> int:
-        """How often measured samples are missing, of a part that was not recorded to its end too."""
-        return sum(gap.origin == "measured" for gap in self.gaps)
+        """How many gaps measured channels have, that behind a stop among them."""
+        return sum(gap.origin in ("", "measured") for gap in self.gaps)  # older logs do not say whose
 
     @property
     def still(self) -> frozenset[str]:

@@ -25,7 +25,7 @@ _PROJECT: Final = Path(__file__).parents[2]
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """So many `units`, more than none, of one `kind` of work."""
+    """So many `units` of one `kind` of work; none of them where all was done before."""
 
     kind: str
     units: float = 1.0
@@ -95,7 +95,7 @@ def _by_line(known: Sequence[tuple[float, float]], units: float) -> float:
 
 
 def compiled_since(since: float) -> bool:
-    """Whether machine code was put on the disk after a Unix time, 0 for ever."""
+    """Whether machine code was put on the disk after a Unix time, or is there at all where that is 0."""
     places = [_PROJECT / "sim_twin", _PROJECT / "daq", cache_folder().parent / "numba"]
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         places.append(Path(given))

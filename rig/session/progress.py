@@ -68,14 +68,16 @@ class Terminal(Console):
 class Waiting:
     """How long is left of what takes `total` of some unit (0: nobody counts) and was told to take `told_s`.
 
-    Until a tenth is done what was told counts, if anything was; then what it does in a second.
+    Until a tenth is done what was told counts, if anything was; then what it does in a second. It is over
+    after `longest_s` at the latest, where that is given.
     """
 
-    def __init__(self, total: float, told_s: float | None, clock: Clock) -> None:
+    def __init__(
+        self, total: float, told_s: float | None, clock: Clock, longest_s: float | None = None
+    ) -> None:
         self._total, self._told_s, self._clock = total, told_s, clock
+        self._longest_s = longest_s
         self._began_s = clock.monotonic_s()
-        self.apart_s = 0.0
-        """Of it, what had to be done but once."""
         self._first: tuple[float, float] | None = None  # done and time at the first report, before it a start
         self._done, self._done_s = 0.0, self._began_s
 
@@ -96,11 +98,10 @@ class Waiting:
         if by_told is not None and self._done < _EARLY * self._total:
             return max(by_told, 0.0)
         by_pace = self._by_pace()
+        if self._longest_s is not None:
+            longest_s = max(self._longest_s - self.taken_s, 0.0)
+            return longest_s if by_pace is None else min(by_pace, longest_s)
         return by_told if by_pace is None and by_told is not None and by_told > 0 else by_pace
-
-    @property
-    def own_s(self) -> float:
-        return self.taken_s - self.apart_s
 
     def _by_pace(self) -> float | None:
         """From the first report on: before it something starts, which comes but once.
@@ -142,7 +143,6 @@ class Screen:
         """Of what all stages are a part, said before each."""
         self.paces, self._clock = paces or Paces(), clock or SystemClock()
         self._queue: SimpleQueue[Callable[[], None] | None] | None = None
-        self._open: list[Waiting] = []
 
     @contextmanager
     def apart(self) -> Iterator[None]:
@@ -263,22 +263,24 @@ class Screen:
         work: Work | None = None,
         beside: Callable[[], str] = lambda: "",
         sooner: bool = False,
-        once: bool = False,
+        longest_s: float | None = None,
     ) -> Iterator[Callable[[float], None]]:
         """A progress bar up to `total` seconds, or what `unit` says; on a pipe, of a count each quarter.
 
         Where `total` is 0 s a person ends it, nobody knows when, and how long it has gone on is shown.
         What it gives is told how far it is, in that unit; `beside` says what else there is to see. How long
         `work` takes is told at the start or, where nobody knows, once it is measured. It may end `sooner`
-        than with all of `total`; what is done but `once` is no part of how long all around it takes.
+        than with all of `total`, or after `longest_s` with less of it.
         """
         told_s = self._expected_s(work)
         endless = not total and unit == "s"
         known_s = (total or None) if told_s is None and unit == "s" else told_s
+        if longest_s is not None:
+            known_s = longest_s
         self.stage(text, 0.0, total, unit, known_s)
-        with self._timed(work, total, known_s, once) as waiting:
+        with self._timed(work, total, known_s, longest_s) as waiting:
             if self.console.is_terminal:
-                at_most = sooner and told_s is None
+                at_most = longest_s is not None or (sooner and told_s is None)
                 with self._shown(text, None if endless else total, waiting, beside, at_most) as show:
 
                     def shown(done: float) -> None:
@@ -289,6 +291,7 @@ class Screen:
                     yield shown
                 return
             about = [] if told_s is None else [f"{_about(told_s)}{' in all' if unit == 's' else ''}"]
+            about += [] if longest_s is None else [f"at most {lasting(longest_s)}"]
             size = ", ".join([*([] if endless else [f"{total:g} {unit}"]), *about])
             self.say(f"{text}{f' ({size})' if size else ''} ...")
             said, measured = 0, told_s is not None or work is None
@@ -341,19 +344,13 @@ class Screen:
 
     @contextmanager
     def _timed(
-        self, work: Work | None, total: float, told_s: float | None, once: bool = False
+        self, work: Work | None, total: float, told_s: float | None, longest_s: float | None = None
     ) -> Iterator[Waiting]:
         """Time what goes on within, and keep what it took if it comes to its end."""
-        waiting = Waiting(total, told_s, self._clock)
-        self._open.append(waiting)
-        try:
-            yield waiting
-        finally:
-            self._open.remove(waiting)
-            for around in self._open if once else ():
-                around.apart_s += waiting.own_s
+        waiting = Waiting(total, told_s, self._clock, longest_s)
+        yield waiting
         if work is not None:
-            seconds = waiting.own_s
+            seconds = waiting.taken_s
             self._show(
                 lambda: self.paces.took(work, seconds)
             )  # a disk that hangs holds up nothing that moves

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -30,12 +31,13 @@ from rig.session.devices import Connect, Standing, connected
 from rig.session.driven_rig import DrivenRig
 from rig.session.encoder_record import encoder_channel
 from rig.session.frequency import HELD, ON_THEIR_WAY_S, FrequencyCheck, FrequencyHold, Trimmed
+from rig.session.levels import Levels
 from rig.session.on_page import show
 from rig.session.pace import Work
 from rig.session.progress import IMPACTS, Screen, first_start
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
-from rig.stream import Consumer
+from rig.stream import Consumer, Record
 from rig.twin.chains import declared_by, gauged
 from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
@@ -95,10 +97,15 @@ class Sequence:
         begin = rig.start_record(count)
         rig.logbook.tell("info", RECORD_START, "recording")
         counted = self.counted
-        total, unit = (0.0 if self.open_ended else wanted.duration), "s"
-        if counted is not None:
-            total, unit = counted.wanted, IMPACTS
-        with rig.screen.bar("recording", total, unit, beside=rig.levels.worst) as bar:
+        if counted is None:
+            lasts_s = 0.0 if self.open_ended else wanted.duration
+            shown = rig.screen.bar("recording", lasts_s, beside=rig.levels.worst)
+        else:
+            beside = partial(_so_far, counted, rig.levels)
+            shown = rig.screen.bar(
+                "recording", counted.wanted, IMPACTS, beside=beside, longest_s=wanted.duration
+            )
+        with shown as bar:
             if pre_trigger:
                 self._until(begin + pre_trigger)
                 self._start()
@@ -165,13 +172,24 @@ class Sequence:
 
 
 class Counted(Protocol):
-    """Impacts that end a record: so many are `wanted`, and there were `so_far`."""
+    """A consumer of impacts, `wanted` of which end a record.
+
+    There were `so_far` when `enough` was asked last, which it is in the acquisition thread.
+    """
 
     @property
     def wanted(self) -> int: ...
 
     @property
     def so_far(self) -> int: ...
+
+    def enough(self) -> bool: ...
+
+    def __call__(self, record: Record) -> None: ...
+
+
+def _so_far(counted: Counted, levels: Levels) -> str:
+    return f"{counted.so_far} of {counted.wanted} impacts   {levels.worst()}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +198,7 @@ class RunRequest:
 
     `model`: what calibration found of the rig; None where the twin is the scenario's. `consumers` get every
     record; `enough` is asked in the acquisition thread after each reading that was recorded, and must be
-    quick: once it returns True, the record ends with that reading. `counted` is what a person sees of that.
+    quick: once it returns True, the record ends with that reading. Or `counted` ends it.
     `open_ended`: nothing else is meant to end it. `path`: the sections [drive] that the drive comes through
     before it settles. `armed`: it waits for Enter, with all connected and measuring, before anything moves.
     `standing` has the devices where they stay connected for the next run. `swept` is shown beside it.
@@ -277,7 +295,9 @@ class _Run:
             derivation.wait_ready(self._stop.check)
         log = rig.open_log(stack, self._request.folder, self._scenario.name)
         derived = derived_channels(origins, self._scenario)
-        rig.stream += [*self._request.consumers, *filter(None, [self._frequency]), derivation]
+        counted = self._request.counted
+        further = [each for each in (counted, self._frequency) if each is not None]
+        rig.stream += [*self._request.consumers, *further, derivation]
         stack.callback(lambda: derivation.finish(rig.logbook.note))  # however the run ends
         stack.callback(feed.worker.close)  # what it predicts from then on would not be derived from
         readers: list[Reader] = [lambda reading: feed.take(reading, rig.acquisition)]
@@ -286,7 +306,8 @@ class _Run:
         if (hold := self._hold) is not None:
             row = rig.names.index(hold.channel)
             readers.insert(0, lambda reading: hold.take(reading.values[row]))
-        rig.record(self._scenario.limits, rig.motion.speed_rad_s, readers, self._request.enough)
+        enough = self._request.enough if counted is None else counted.enough
+        rig.record(self._scenario.limits, rig.motion.speed_rad_s, readers, enough)
         rig.logbook.events.append(derivation.events)
         rig.on_stopping = feed.end
         for channel in derived:

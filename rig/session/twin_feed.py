@@ -35,7 +35,7 @@ class TwinFeed:
         publish: Consumer,
         tell: Callable[[str, str, str], None],
         unseen: Callable[[str], None],
-        look_at: str = "the drive on",
+        look_at: str,
         crew: Crew | None = None,
     ) -> None:
         self._names, self._publish, self._tell, self._unseen = names, publish, tell, unseen

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -111,9 +112,11 @@ class Sweeping:
             point = self._state.points[number]
             comes = "comes again" if self._wanted(number) else f"not repeated without --again {number}"
             self._screen.warn(f"point {number}: {point.outcome}: {point.why}; {comes}")
-        with Standing(self._request.connect) as standing:
-            self._record(todo, len(steps), standing)
-        self._screen.part = ""
+        try:
+            with Standing(self._request.connect) as standing:
+                self._record(todo, len(steps), standing)
+        finally:
+            self._screen.part = ""
         return self._state
 
     def _record(self, todo: Sequence[Step], count: int, standing: Standing) -> None:
@@ -123,7 +126,8 @@ class Sweeping:
             lasts = left(self._request.sweep, self._bench, to_come, self._screen.paces, before)
             said = ", ".join(f"{key} {value}" for key, value in step.point.settings.items())
             self._screen.say(f"point {step.point.number} of {count}  {said}  ({lasts} left)")
-            self._screen.part = f"point {step.point.number} of {count} ({lasts} left)"
+            at = f"{datetime.datetime.now():%H:%M}"
+            self._screen.part = f"point {step.point.number} of {count} ({lasts} left at {at})"
             for axis in self._request.sweep.axes:
                 value, now = step.point.settings[axis.key], self._state.by_hand.get(axis.key)
                 if axis.by_hand and now != value:
@@ -162,8 +166,6 @@ class Sweeping:
                 folder,
                 self._view,
                 self._request.model,
-                () if counted is None else (counted,),
-                (lambda: False) if counted is None else counted.enough,
                 path=come_to.path,
                 standing=standing,
                 swept=None if self._view is None else self._swept_so_far(point),

@@ -97,9 +97,9 @@ def _impacts(run: RunRecord, scenario: Scenario) -> dict[str, float]:
     return found
 
 
-def impacts_recorded(ended: PointState) -> str:
-    """How many impacts a point's record holds, wherever they are told; empty where nobody looked for them."""
-    return f"{ended.figures[IMPACTS]:.0f}" if IMPACTS in ended.figures else ""
+def impacts_recorded(ended: PointState) -> int | None:
+    """How many impacts a point's record holds, wherever they are told; None where nobody looked for them."""
+    return round(ended.figures[IMPACTS]) if IMPACTS in ended.figures else None
 
 
 def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
@@ -115,8 +115,8 @@ def write_results(folder: Path, sweep: Sweep, state: SweepState) -> Path:
         if ended is not None:
             figures = [f"{ended.figures[name]:.9g}" if name in ended.figures else "" for name in names]
             values = [point.settings[key] for key in keys]
-            counted = impacts_recorded(ended)
-            rows.writerow([point.number, *values, ended.outcome, counted, *figures, ended.log or ""])
+            impacts = impacts_recorded(ended)
+            rows.writerow([point.number, *values, ended.outcome, impacts, *figures, ended.log or ""])
     write_whole(folder / TABLE, text.getvalue().encode())
     return folder / TABLE
 
@@ -134,7 +134,7 @@ def points_of(folder: Path, sweep: Sweep, state: SweepState) -> list[dict[str, A
             "outcome": each.outcome,
             "why": each.why,
             "log": each.log and str(folder / each.log),
-            "impacts": int(each.figures[IMPACTS]) if IMPACTS in each.figures else None,
+            "impacts": impacts_recorded(each),
             "counted": each.impacts,
             "figures": {name: value for name, value in each.figures.items() if name != IMPACTS},
         }
@@ -175,7 +175,7 @@ def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
         ended = state.points.get(point.number)
         if ended is not None:
             settings = (str(point.settings[axis.key]) for axis in sweep.axes)
-            counted = impacts_recorded(ended)
+            impacts = impacts_recorded(ended)
             said = (  # with the unit, which stands in brackets in the figure's name
                 f"{ended.figures[name]:.7g} {name.partition('[')[2].rstrip(']')}"
                 for name in HELD
@@ -183,7 +183,15 @@ def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
             )
             peaks = (_both(ended, mean, deviation, unit) for _, mean, deviation in _SHOWN)
             held, log = next(said, ""), ended.log or ""
-            yield [str(point.number), *settings, ended.outcome, counted, *peaks, held, log]
+            yield [
+                str(point.number),
+                *settings,
+                ended.outcome,
+                "" if impacts is None else str(impacts),
+                *peaks,
+                held,
+                log,
+            ]
 
 
 def _both(ended: PointState, mean: str, deviation: str, unit: str) -> str:

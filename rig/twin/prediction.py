@@ -101,9 +101,8 @@ class AlignedTwin:
     def advance(self, count: int) -> NDArray[np.float64]:
         """Next `count` samples, shape (channels, count)."""
         self._looks += 1
-        after = round(self._looks * _GOLDEN % 1.0 * self._cycle)  # of whole cycles the end is always alike
-        if not 0 < after < count:
-            after = 0
+        # the ends of whole cycles are all alike
+        after = int(self._looks * _GOLDEN % 1.0 * min(self._cycle, count))
         values = self._stream.advance(count - after)
         time_s, points = self._stream.shape()
         self._seen = Shape(time_s - self._before / self.sample_rate, points)

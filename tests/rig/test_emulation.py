@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.emulation import starting
+from rig.emulation import first_start_of
 from rig.files.bench import embedded_bench, parse_bench
 from rig.rigs import RIGS
 from rig.session.progress import FIRST_START
@@ -28,7 +28,7 @@ def compiled(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tm
 def test_an_emulated_rig_says_how_long_its_first_start_takes_and_of_a_later_one_nothing(
     rig: str, compiled: bool
 ) -> None:
-    assert starting(embedded_bench(rig)) == ("" if compiled else FIRST_START)
+    assert first_start_of(embedded_bench(rig)) == ("" if compiled else FIRST_START)
 
 
 @pytest.mark.usefixtures("compiled")
@@ -37,4 +37,4 @@ def test_an_emulated_generator_alone_compiles_nothing_and_says_nothing_of_it() -
     real_card = table.replace("emulated = true\n", "", 1)
     bench = parse_bench(f"{head}[daq_card]{real_card}", "bench", Path())
     assert bench.emulated == ("signal_generator",)
-    assert starting(bench) == ""
+    assert first_start_of(bench) == ""

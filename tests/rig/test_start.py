@@ -129,7 +129,9 @@ def test_the_emulated_card_filters_by_itself(imported: Imported) -> None:
 
 def test_the_twins_process_shows_and_diagnoses_nothing(imported: Imported) -> None:
     scenario = load_scenario(SCENARIO)
-    feed = TwinFeed(twin_of(scenario), ["drive.force"], 51_200.0, 1.0, print, lambda *_: None, lambda _: None)
+    feed = TwinFeed(
+        twin_of(scenario), ["drive.force"], 51_200.0, 1.0, print, lambda *_: None, lambda _: None, ""
+    )
     with feed.worker as worker:
         worker.wait_ready()
     assert {"numba", "scipy"} <= imported()

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+from rig.diagnosis.argument import SAME, speaks_for_answer
 from rig.diagnosis.report.before_and_after import LINES
 from rig.diagnosis.report.case import Case, cell_words, floors, parameter_words, plain, unit_words
 from rig.pages.content import Part, Sentence, Table
@@ -24,7 +25,6 @@ _APART = (
     "Apart: how far both predictions are from each other, in what healthy rigs differ by. Levels in dB are "
     "against the nominal twin's."
 )
-_SAME = 1.0
 _COURSE = (
     "Gap of each part of a run in its order, before and after. A rig that is the same all along has much the "
     "same gap in all of them; one that loosens, wears or warms up has not."
@@ -64,13 +64,13 @@ def why_not(case: Case) -> list[Part]:
     several = len(case.run_numbers) > 1
     table, right = [], 0
     for each, contrast in zip(rows, found.contrasts, strict=True):
-        nearer = abs(contrast.measured - contrast.chosen) < abs(contrast.measured - contrast.rival)
+        nearer = speaks_for_answer(each)
         right += nearer
         row = [cell_words(case.cells[contrast.cell]), *([case.run_name(each["run"])] if several else [])]
         row += [estimate(each[whose], _unit(each)) for whose in ("measured", "selected", "runner_up")]
         table.append([*row, f"{contrast.apart:.1f}", "answer" if nearer else "next best"])
     text = f"Next best is a twin {rival}. "
-    if found.contrasts[0].apart < _SAME:
+    if found.contrasts[0].apart < SAME:
         text += "Nowhere do both differ by more than healthy rigs do: these runs cannot tell them apart."
     else:
         text += f"Where both differ most, {right} of {counted(len(rows), 'figure')} speak for "

@@ -143,8 +143,8 @@ def _worst_rms(run: RunRecord) -> Iterator[BigNumber]:
         name = max(apart, key=apart.__getitem__)
         rms = [run.tallies[origin, name].rms for origin in ("predicted", "measured")]
         told = f"rms of {name}, {run.whose('predicted')} against measured"
-        if run.verdict is not None and run.verdict.well:
-            told += "; healthy rigs scatter as much"
+        if run.verdict is not None and run.verdict.well and not run.repaired:
+            told += "; the run is within what healthy rigs do"
         yield BigNumber("Largest difference", difference(*rms), told)
 
 

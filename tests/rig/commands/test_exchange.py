@@ -167,7 +167,9 @@ def test_what_is_left_out_is_named_and_counted(call: Call, tmp_path: Path) -> No
             values, rate = np.ones(100, np.float32), 1000.0 if number == 0 else 20.0
             block = SampleBlock(channel.name, 0, START_NS, rate, values)
             log.add_block("derived" if number else "measured", block, START_NS)
+        log.add_impact(HIT, START_NS)
     answer = call("export", tmp_path / "run.mcap", "--to", "csv", "--channels", "c*,c5")  # one by its name
+    assert "left out   impacts (--all-rates)" in answer.out
     assert "left out   derived/c1, derived/c2, derived/c3 and 1 more: other rates (--all-rates)" in answer.out
     assert list(table(tmp_path / "run.20Hz.csv").columns) == ["time [s]", "derived/c5 [N]", "rattle"]
     answer = call("export", tmp_path / "run.mcap", "--to", "parquet")

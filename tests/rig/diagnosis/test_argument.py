@@ -161,6 +161,33 @@ def test_an_answer_that_was_cut_short_says_what_that_cost() -> None:
     assert of_cut_short(1.0, 1.0).endswith("another machine may answer differently")
 
 
+@pytest.mark.parametrize(
+    ("measured", "apart", "told"),
+    [
+        (
+            [200.0, 390.0],
+            3.2,
+            f"{UPPER}, peak is 200 N; the answer predicts 210 N, that 400 N; 1 of 2 figures say otherwise",
+        ),
+        (
+            [390.0, 200.0],
+            3.2,
+            f"{UPPER}, peak is 200 N; the answer predicts 210 N, that 400 N; 1 of 2 figures say otherwise",
+        ),
+        ([390.0], 3.2, "of the 1 figure in which both differ most none speaks against it"),
+        ([200.0], 0.5, "these runs cannot tell them apart"),
+    ],
+)
+def test_the_terminal_names_a_figure_that_speaks_against_the_next_best(
+    measured: list[float], apart: float, told: str
+) -> None:
+    first = argued().contrasts[0]
+    contrasts = tuple(replace(first, measured=np.log(each), apart=apart) for each in measured)
+    document = content(replace(argued(), contrasts=contrasts))
+    lines = argument_lines({"verdict": "effect", "effects": [], "selected": [], **document})
+    assert lines[-1] == f"why not    clearance: {told}"
+
+
 def test_the_terminal_says_it_in_a_few_lines() -> None:
     selected = {
         "name": "base_flexibility", "present": 0.97,
@@ -176,7 +203,6 @@ def test_the_terminal_says_it_in_a_few_lines() -> None:
     }
     assert argument_lines(document) == [
         "in the rig base_flexibility 97 %: frequency_hz 431 (419 to 444)",
-        "shrink     98 % (95 % interval 91 to 99 %)",
         "run 1 alone base_flexibility 90 %; frequency_hz 431 (421 to 441)",
         "run 2 alone base_flexibility 90 %; frequency_hz 431 (421 to 441)",
         f"why not    clearance: {UPPER}, peak is 200 N; the answer predicts 210 N, that 400 N",

@@ -72,7 +72,10 @@ def test_a_run_of_pulses_is_not_what_healthy_beams_do_and_the_band_is_kept(
 def test_the_next_step_is_a_command_that_goes_by_the_models_twin() -> None:
     log = Path("my runs") / "run.mcap"
     with_effects = _next_step(log, matched=False, repaired=True)
-    assert with_effects.endswith(f"rattle gap '{log}' --effects EFFECTS.json")
+    gap = f"rattle gap '{log}' --effects EFFECTS.json"
+    assert with_effects == f"Judged without the effects of this overlay; how far they close the gap: {gap}"
+    by_model = _next_step(log, matched=True, repaired=True)
+    assert by_model.endswith(f"{gap} --model MODEL.toml, by the model that the run had")
     assert _next_step(log, matched=False) == f"What causes it: rattle diagnose '{log}' --out answer"
     assert f"diagnose '{log}' --model MODEL.toml --out answer" in _next_step(log, matched=True)
 

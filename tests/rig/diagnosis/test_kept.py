@@ -93,6 +93,13 @@ def test_of_a_draw_that_asks_for_some_runs_the_others_are_simulated_when_they_ar
     assert same(shown, two.observe([some[0], DRAWS[1]]))
 
 
+def test_what_is_lacking_is_what_not_all_runs_have() -> None:
+    two = Campaign((setting("9 N"), setting("7 N")))
+    assert Kept(two, "", lambda _: None).lacking(DRAWS) == [*DRAWS]
+    looked(two, [replace(DRAWS[0], runs=(1,)), DRAWS[1]])
+    assert Kept(two, "", lambda _: None).lacking(DRAWS) == [DRAWS[0]]
+
+
 def test_of_a_draw_that_asks_for_some_runs_their_share_is_done() -> None:
     two = Campaign((setting("9 N"), setting("7 N")))
     done: list[float] = []

@@ -188,7 +188,7 @@ def test_sensitivity_is_in_the_unit_of_its_kind(sensor: str, volts_per_unit: flo
             "2027-05-04T00:00:00",
             "a date without",
         ),
-        (changed("serial", "serail"), "serail", '"SN1234"', ".serial?"),
+        (changed("serial", "serail"), "serail", '"SN1234"', f"did you mean {CHANNEL}.serial?"),
     ],
 )
 def test_faulty_channel_is_told(text: str, key: str, value: str, allowed: str) -> None:

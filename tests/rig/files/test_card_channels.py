@@ -224,7 +224,11 @@ def test_faulty_encoder_is_told(text: str, key: str, allowed: str) -> None:
         (AMPLIFIER.replace("0.16 Hz", "0 Hz"), "amplifier.corner", "above 0 Hz, up to 1000 Hz"),
         (AMPLIFIER + 'state = "reset"\n', "amplifier.state", "in reset its output is 0 V"),
         (AMPLIFIER.replace("2027", "2025"), "amplifier.valid_until", "a day after calibrated"),
-        (AMPLIFIER.replace("serial", "serail"), "amplifier.serail", ".serial?"),
+        (
+            AMPLIFIER.replace("serial", "serail"),
+            "amplifier.serail",
+            'did you mean daq_card.channels."contact.force_upper".amplifier.serial?',
+        ),
         (FILTER.replace('corner = "10 kHz"', ""), "filter.corner", "0.1 Hz to 1e+06 Hz"),
         (FILTER.replace("order = 4", "order = 0"), "filter.order", "a whole number from 1 to 16"),
         ('amplifier = "CA-17"\n', "amplifier", "a table [daq_card.channels.amplifier]"),

@@ -227,7 +227,11 @@ def test_limit_of_an_acceleration_takes_g() -> None:
             "not above abort, 5",
         ),
         ('[limits."yoke.force"]', 'limits."yoke.force"', "warning or abort"),
-        ('[limits."yoke.force"]\nabrot = 5', 'limits."yoke.force".abrot', ".abort?"),
+        (
+            '[limits."yoke.force"]\nabrot = 5',
+            'limits."yoke.force".abrot',
+            'did you mean limits."yoke.force".abort?',
+        ),
         ('[limits]\n"yoke.force" = 5', 'limits."yoke.force"', "a table"),
     ],
 )

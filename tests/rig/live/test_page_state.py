@@ -13,7 +13,7 @@ import pytest
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
-from daq.log.records import RECORD_END, RECORD_START, Event, Impact
+from daq.log.records import RECORD_END, RECORD_START, STOPPING, Event, Impact
 from rig.bounds import Bounds
 from rig.live.page_process import records
 from rig.live.page_state import PERIOD_S, PageState
@@ -213,6 +213,25 @@ def test_the_highest_level_is_of_the_record_and_none_of_its_start_or_end(told: T
     told.state.take(Event(START_NS, "info", "rig", RECORD_END, "recorded"))
     told.state.take(Levels(START_NS, [50.0]))
     assert most() == 30.0
+    assert told.newest()["channels"][0]["level"] == 50.0  # of a rig that comes to rest
+
+
+def test_a_part_of_the_trend_that_is_under_way_is_shown_once_all_is_over(told: Told) -> None:
+    """A peak that ended the run lies in it."""
+    values = np.ones(11_000)
+    values[10_500] = 99.0  # in the fifth quarter of a second, of which a tenth is there
+    told.state.take(Block("measured", block(values)))
+
+    def shown() -> list[float]:
+        told.state.look()
+        told.state._due_s, told.state._changed = 0.0, True
+        told.state.look()
+        _, most = json.loads(told.texts[-1])["channels"][0]["traces"]["measured"][2]
+        return [each for each in most if each is not None]
+
+    assert len(shown()) == 4
+    told.state.take(Event(START_NS, "error", "rig", STOPPING, "too high"))
+    assert len(shown()) == 5
 
 
 def test_an_event_has_the_time_of_day(told: Told) -> None:

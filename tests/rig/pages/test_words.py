@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rig.pages.words import DASH, difference, estimate, number, probability, span
+from rig.pages.words import DASH, difference, estimate, number, numbers, probability, signed, span
 
 
 @pytest.mark.parametrize(
@@ -64,3 +64,15 @@ def test_no_probability_is_called_certain() -> None:
     assert [probability(share) for share in (0.0, 0.004, 0.5, 0.994, 0.9999)] == [
         "< 1 %", "< 1 %", "50 %", "99 %", "> 99 %",
     ]  # fmt: skip
+
+
+def test_numbers_of_a_row_have_the_decimals_of_the_largest() -> None:
+    assert numbers([0.1234, 0.00012, math.nan]) == ["0.1234", "0.0001", DASH]
+    assert numbers([1234.5, 0.4]) == ["1234", "0.4"]  # what would be none is told as it is
+    assert numbers([2e-5, 3e-7]) == ["2.000e-05", "3.000e-07"]
+    assert numbers([0.0, 0.0]) == ["0", "0"]
+    assert numbers([]) == []
+
+
+def test_what_rounds_to_0_has_no_sign() -> None:
+    assert [signed(each) for each in (0.5, -0.5, -0.001)] == ["+0.50", "−0.50", "0.00"]

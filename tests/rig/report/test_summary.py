@@ -5,10 +5,12 @@ from pathlib import Path
 import pytest
 
 from daq.errors import LogError
-from daq.log.records import Event
+from daq.log.records import Event, Gap
 from daq.log.writer import LogWriter
 from rig.derived.settings import RECORD, STOPPED
+from rig.pages.content import BigNumbers
 from rig.report.record import Verdict, read_run
+from rig.report.sections.summary import parts as summary_parts
 from rig.report.summary import as_json, half_cycle_statistics
 from tests.rig.synthetic_run import CHANNELS, PEAK_N, START_NS, blocks, damaged, write_log
 
@@ -91,6 +93,19 @@ def test_faults_in_the_data_are_counted_and_do_not_spoil_the_rest(tmp_path: Path
     assert measured.rms == pytest.approx(8.0 / math.sqrt(2), rel=1e-2)
     assert half_cycle_statistics(run, "measured") is None
     assert [gap.count for gap in run.gaps] == [5120]
+
+
+@pytest.mark.parametrize(("origin", "count"), [("measured", 1), ("", 1), ("predicted", 0)])
+def test_a_gap_of_a_measured_channel_is_one_and_of_a_prediction_none(
+    origin: str, count: int, tmp_path: Path
+) -> None:
+    """A log of before says not whose it is."""
+    run = read_run(write_log(tmp_path / "run.mcap"))
+    cut = replace(run, gaps=[Gap(0, CHANNELS[0].name, 10, 5, "stopped", origin)])
+    assert cut.measured_gaps == count
+    numbers = next(part for part in summary_parts(cut) if isinstance(part, BigNumbers))
+    samples = next(each for each in numbers.numbers if each.label == "Samples")
+    assert samples.text == ("cut short" if count else "complete")
 
 
 def test_a_log_without_a_sample_has_no_numbers(tmp_path: Path) -> None:

@@ -290,3 +290,47 @@ def test_of_what_ends_when_a_person_says_so_a_terminal_shows_how_long_it_has_gon
             bar(clock.now_s)
     assert "1 min 15 s so far" in out.getvalue()
     assert "left" not in out.getvalue()
+
+
+def test_what_may_end_sooner_is_told_as_the_most_it_takes() -> None:
+    screen, _, clock, out = timed(None)
+    with screen.bar("simulating", 80, "rigs", WORK, sooner=True) as bar:
+        for clock.now_s, done in ((6.0, 8), (10.0, 16)):
+            bar(done)
+    assert out.getvalue().splitlines()[-1] == "simulating: at most 32 s left"
+    screen, _, clock, out = timed(None, terminal=True)
+    with screen.bar("simulating", 80, "rigs", WORK, sooner=True) as bar:
+        for clock.now_s, done in ((6.0, 8), (10.0, 16)):
+            bar(done)
+    assert "at most 32 s left" in out.getvalue()
+
+
+def test_what_impacts_end_takes_as_long_as_they_do_and_never_longer_than_it_may() -> None:
+    clock = Moment()
+    waiting = Waiting(15, 20.0, clock, longest_s=20.0)  # type: ignore[arg-type]
+    left = []
+    for clock.now_s, done in ((0.5, 0), (1.0, 2), (3.0, 6), (5.0, 6), (19.0, 7)):
+        waiting.report(done)
+        left.append(waiting.left_s)
+    assert left == [19.5, 19.0, pytest.approx(3.75), pytest.approx(6.75), 1.0]
+    screen, _, _, out = timed(None)
+    with screen.bar("recording", 15, "impacts", longest_s=20.0):
+        pass
+    assert out.getvalue() == "recording (15 impacts, at most 20 s) ...\n"
+
+
+def test_a_stage_is_told_with_the_time_left_and_with_what_it_is_a_part_of() -> None:
+    screen, _, clock, _ = timed(75.0)
+    told: list[tuple[str, float, float, str, float | None]] = []
+    screen.stages.append(lambda *stage: told.append(stage))
+    with screen.busy("warming up", WORK):
+        pass
+    screen.part = "point 2 of 27 (about 1 min left)"
+    with screen.bar("recording", 60.0) as bar:
+        clock.now_s = 20.0
+        bar(20.0)
+    assert told == [
+        ("warming up", 0.0, 0.0, "s", 75.0),
+        ("point 2 of 27 (about 1 min left): recording", 0.0, 60.0, "s", 60.0),
+        ("point 2 of 27 (about 1 min left): recording", 20.0, 60.0, "s", 40.0),
+    ]

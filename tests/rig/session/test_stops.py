@@ -35,6 +35,7 @@ from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import Stopped
 from rig.session.supervisor import SupervisorTripped
+from rig.stream import Record
 from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.shafts import FakeDrive, SteppedClock
 from tests.rig.session.test_progress import Known
@@ -403,6 +404,35 @@ def test_a_record_that_ended_early_is_told_and_timed_by_what_was_recorded(in_tur
     assert 0.0 < told[-1][1] < 30.0
     (finish,) = (work for work, _ in paces.kept if work.kind.startswith("finish"))
     assert 0.0 < finish.units < 30.0
+
+
+class Struck:
+    """Impacts of its own: one for each reading."""
+
+    wanted, so_far = 6, 0
+
+    def enough(self) -> bool:
+        self.so_far += 1
+        return self.so_far >= self.wanted
+
+    def __call__(self, record: Record) -> None:
+        pass
+
+
+def test_a_record_that_impacts_end_is_shown_by_their_count_and_at_most_as_long_as_it_may_last(
+    in_turn: InTurn,
+) -> None:
+    rig, stages = in_turn.rig, list[tuple[str, float, float, str, float | None]]()
+    screen = silent_screen()
+    screen.stages.append(lambda *stage: stages.append(stage))
+    long = {"acquisition.duration": "60 s", "acquisition.settle": "0 s"}
+    request = RunRequest(edited(rig.scenario, long, "long"), rig.bench, rig.connect, rig.folder)
+    run_scenario(replace(request, counted=Struck()), screen, SystemClock())
+    told = [each for each in stages if each[0] == "recording"]
+    assert {(total, unit) for _, _, total, unit, _ in told} == {(6.0, "impacts")}
+    assert [done for _, done, *_ in told] == sorted(done for _, done, *_ in told)
+    assert told[-1][1] == 6.0
+    assert all(left_s is not None and left_s <= 60.0 for *_, left_s in told)
 
 
 class FakeView:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
 from daq.block import Flag
 from drivers.protocols.card import CardReading
 from rig.session.acquisition import Acquisition
 from rig.session.twin_feed import TwinFeed
+from rig.twin.alignment import Alignment
 from rig.twin.worker import Drive, RecordedSpan
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
@@ -32,14 +35,20 @@ class Recording:
 class Followed:
     """A feed whose worker writes down what it is given."""
 
-    def __init__(self) -> None:
+    def __init__(self, names: Sequence[str] = ("crank.angle",)) -> None:
         self.given: list[Drive | RecordedSpan] = []
+        self.events: list[tuple[str, str, str]] = []
+        self.unseen: list[str] = []
         self.record = Recording()
         self.feed = TwinFeed(
-            Twin(PlanarSliderCrank(), SpeedDrive(20.0)), ["crank.angle"], 1000.0, 0.0, *[lambda *_: None] * 3
-        )
+            Twin(PlanarSliderCrank(), SpeedDrive(20.0)), names, 1000.0, 0.0, lambda _: None, self._note,
+            self.unseen.append, "its sensor on",
+        )  # fmt: skip
         cast(Any, self.feed).worker = self
         self._read = 0
+
+    def _note(self, *event: str) -> None:
+        self.events.append(cast(tuple[str, str, str], event))
 
     def give(self, item: Drive | RecordedSpan) -> None:
         self.given.append(item)
@@ -80,3 +89,18 @@ def test_a_drive_that_stops_ends_the_record_that_is_followed_before_the_next_rea
     run.read()
     run.read()
     assert run.told == [(BLOCK, False, 0.0), (BLOCK, True, 0.0)]
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_drive_that_is_not_seen_is_looked_for_and_one_that_nobody_measures_is_said_to_be(
+    named: bool,
+) -> None:
+    run = Followed(["crank.angle"] if named else ["frame.acceleration"])
+    cast(Any, run.feed)._deliver(Alignment(3.0, 0.0, trusted=False))
+    [told], [(level, code, noted)] = run.unseen, run.events
+    assert (level, code) == ("warning", "drive.not_seen")
+    if named:
+        assert told == "crank.angle shows no drive: is its sensor on?"
+    else:
+        assert told == noted
+        assert told.startswith("no channel is crank.angle or crank.marker, so nothing tells")

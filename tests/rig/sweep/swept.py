@@ -74,7 +74,7 @@ def write(log: Path, code: str, request: RunRequest) -> None:
         writer.add_event(Event(START_NS + NS_PER_S, "info", "rig", code, "drive as it was"))
         for block in blocks(CHANNELS, "measured", 0.1):
             writer.add_block("measured", block, block.time_ns)
-            for consume in request.consumers:
+            for consume in filter(None, (*request.consumers, request.counted)):
                 consume(Block("measured", block))
 
 

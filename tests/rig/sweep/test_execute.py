@@ -150,6 +150,12 @@ def test_what_was_recorded_of_a_point_that_was_stopped_is_told(trial: Trial) -> 
         dict(trial.sweep.points[0].settings),
     )
     assert (second["outcome"], second["why"]) == ("stopped", "stopped by a person")
+    assert second["log"] == str(trial.folder / "point-0002" / "part.mcap")
+    assert (first["impacts"], first["counted"]) == (4, None)
+    assert "impacts recorded" not in first["figures"]
+    whole = dataclasses.replace(state.points[1], impacts=15, figures={"impacts recorded": 17.0})
+    [counted, _] = points_of(trial.folder, trial.sweep, state.with_point(1, whole))
+    assert (counted["impacts"], counted["counted"], counted["figures"]) == (17, 15, {})
 
 
 def test_a_point_that_an_emergency_stop_ended_is_done_by_the_next_call(trial: Trial) -> None:

@@ -68,11 +68,15 @@ def test_a_drive_that_ran_before_has_the_twin_bouncing_at_sample_0() -> None:
     assert upper.max() > 10.0
 
 
-def test_a_picture_of_each_block_shows_every_phase_of_the_cycle_though_blocks_last_whole_cycles() -> None:
-    twin, phases = aligned(), [0.0]
-    for end in range(5120, 13 * 5120, 5120):
+@pytest.mark.parametrize(("hertz", "blocks"), [(20.0, 12), (10.0, 12), (2.0, 24), (0.3, 60)])
+def test_a_picture_of_each_block_shows_every_phase_of_the_cycle_though_blocks_last_parts_of_it(
+    hertz: float, blocks: int
+) -> None:
+    twin = AlignedTwin(TWIN, Alignment(hertz, 0.7, None), RATE, settle_s=0.0)
+    phases = [0.0]
+    for end in range(5120, (blocks + 1) * 5120, 5120):
         *_, last = twin.blocks(end, START_NS)
         shown = twin.shape()
         assert end - 5120 <= round(shown.time_s * RATE) <= last.end_sample + 64
-        phases.append(shown.time_s * 20.0 % 1.0)
+        phases.append(shown.time_s * hertz % 1.0)
     assert np.diff([*sorted(phases), 1.0]).max() < 0.25
