@@ -18,7 +18,7 @@ from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
 from drivers.scpi.settings import GeneratorSettings
 from drivers.scpi.supply_settings import SupplySettings
-from rig.emulation import NOTHING_EMULATED, STARTING, Emulated, emulated_bench, first_start_of
+from rig.emulation import NOTHING_EMULATED, STARTING, Emulated, emulated_bench, first_start
 from rig.files.bench import Bench
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS, actuator_of
@@ -38,7 +38,7 @@ def connect(
     """Start what the bench emulates, make its devices (not opened yet), and note what is emulated."""
     emulated, notes = NOTHING_EMULATED, chain_record(bench)
     if bench.emulated:
-        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start_of(bench)):
+        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start(bench)):
             emulated = stack.enter_context(emulated_bench(scenario, bench))
         notes["emulated"] = " ".join(INSTRUMENTS[table].word for table in bench.emulated)
         notes["emulation_seed"] = str(emulated.seed)
@@ -71,7 +71,7 @@ def sensing(scenario: Scenario, bench: Bench, stack: ExitStack, screen: Screen) 
     emulated = NOTHING_EMULATED
     if any(INSTRUMENTS[table].emulator for table in bench.emulated):
         idle = {bench.actuator_table: replace(bench.actuator, emulated=True)}
-        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start_of(bench)):
+        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start(bench)):
             beside = replace(bench, instruments={**bench.instruments, **idle})
             emulated = stack.enter_context(emulated_bench(scenario, beside))
     logging = {name: emulated.reached(name, bench.instruments[name]) for name in bench.loggers}

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from rig.derived.settings import role_of
+from sim_twin.rigs.channel_table import Role
 
 if TYPE_CHECKING:
     from rig.files.scenario import Limit
@@ -32,8 +35,16 @@ def bounds_of(ranges: Mapping[str, float | None], limits: Iterable[Limit]) -> di
     return {name: Bounds(full, *told.get(name, (None, None))) for name, full in ranges.items()}
 
 
+_ALWAYS_HIGH: Final = (Role.ANGLE, Role.MARKER, Role.SPEED)
+"""How far these reach says nothing, but for a limit: they hide what a person watches."""
+
+
 def nearest(levels: Mapping[str, float], bounds: Mapping[str, Bounds]) -> str:
     """The channel whose level has come nearest to what it may reach; empty where none may reach anything."""
-    near = {name: bounds[name].share(level) for name, level in levels.items() if name in bounds}
+    near = {
+        name: bounds[name].share(level)
+        for name, level in levels.items()
+        if name in bounds and (bounds[name].abort is not None or role_of(name) not in _ALWAYS_HIGH)
+    }
     found = max(near, key=near.__getitem__, default="")
     return found if found and near[found] > 0 else ""

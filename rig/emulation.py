@@ -30,7 +30,7 @@ from rig.files.faults import toml_of
 from rig.files.scenario import Scenario
 from rig.instruments import INSTRUMENTS
 from rig.rigs import unit_of
-from rig.session.progress import first_start
+from rig.session.progress import FIRST_START
 
 if TYPE_CHECKING:
     from drivers.canopen_cia406.emulator.process import EncoderSetup
@@ -72,9 +72,9 @@ NOTHING_EMULATED: Final = Emulated({}, 0, drive_follows_scenario=False)
 STARTING: Final = "starting the emulated instruments"
 
 
-def first_start_of(bench: Bench) -> str:
+def first_start(bench: Bench) -> str:
     """What a person is told of it where nobody knows how long that takes."""
-    return first_start() if "daq_card" in bench.emulated else ""
+    return FIRST_START if "daq_card" in bench.emulated else ""
 
 
 @contextmanager

@@ -68,6 +68,10 @@ class Crew:
             child.end(1.0)
             child.pipe.close()
 
+    def has(self, name: str) -> bool:
+        """Whether a process of that name waits, which need not start."""
+        return name in self._waiting
+
     def hire(self, name: str, task: Task) -> Child:
         """A process that does `task`: the one of that name that waits, or a new one."""
         child = self._waiting.pop(name, None)

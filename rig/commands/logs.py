@@ -40,6 +40,7 @@ def overlay(
     model: Model = None,
 ) -> None:
     from rig.diagnosis.health import judged
+    from rig.report.sections.summary import farther_off
     from rig.report.summary import closeness, overall
     from rig.session.overlay import overlay_run
 
@@ -53,6 +54,8 @@ def overlay(
         apart = f"the run's own halves lie {close.halves_db:.1f} dB apart"
         screen.say(f"nominal    autospectra {close.nominal_db:.1f} dB off those measured")
         screen.say(f"repaired   {close.repaired_db:.1f} dB; {apart}")
+        if worse := farther_off(overlaid, channels):
+            screen.warn(worse)
     report_and_name(overlaid, screen)
 
 
@@ -104,7 +107,7 @@ def _show(report: LogReport, as_json: bool) -> None:
         table = Table(box=None, pad_edge=False)
         table.add_column("topic", min_width=max((len(each.topic) for each in report.topics), default=0))
         for heading in ("blocks", "samples", "missing"):
-            table.add_column(heading)
+            table.add_column(heading, min_width=len(heading))
         for topic in report.topics:
             table.add_row(topic.topic, str(topic.messages), str(topic.samples), str(topic.missing))
         screen = Screen(Terminal())
@@ -166,7 +169,8 @@ def replay(
         replayed = judged(collector.record(), screen)
         show(replayed, screen)
         if view is not None:
-            come_to(view, screen, f"replayed: {run}", replayed.verdict)
+            report = run.with_suffix(".html")
+            come_to(view, screen, f"replayed: {run}", replayed.verdict, report if report.is_file() else None)
 
 
 def show(run: RunRecord, screen: Screen) -> None:
@@ -234,7 +238,7 @@ def _impact_lines(run: RunRecord) -> Iterator[str]:
             factor, unit = as_written(found.unit)
             mean, deviation = (factor * each for each in found.spread)
             often = f", {found.a_revolution:.2f} a revolution" if found.revolutions > 0 else ""
-            peaks = f", mean peak {mean:.4g} +- {deviation:.2g} {unit}" if len(found.peak) else ""
+            peaks = f", mean peak {mean:.1f} +- {deviation:.1f} {unit}" if len(found.peak) else ""
             yield f"{whose:<10} {group}: {len(found.peak)} impacts{often}{peaks}"
 
 

@@ -112,7 +112,7 @@ def run(
 
             print_json({"log": str(log), "report": str(report), **figures(found)})
         if view is not None:
-            come_to(view, screen, f"finished: {log}", found.verdict, report)
+            come_to(view, screen, f"finished: {log}", found.verdict, report, stays=not as_json)
 
 
 def live(
@@ -165,7 +165,7 @@ def emulate(
     seed: Annotated[int | None, typer.Option(min=0, help="The same rig and faults again.")] = None,
 ) -> None:
     from drivers.rehearsal import FAULTS, rehearsed
-    from rig.emulation import STARTING, bench_reaching, emulated_bench, first_start_of
+    from rig.emulation import STARTING, bench_reaching, emulated_bench, first_start
     from rig.files.pairing import nowhere
     from rig.files.scenario import load_scenario
 
@@ -188,7 +188,7 @@ def emulate(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
     with ExitStack() as stack:
-        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start_of(bench)):
+        with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start(bench)):
             emulated = stack.enter_context(emulated_bench(scenario, bench))
         addresses = {
             table: list(emulated.instruments[table].addresses) if table in emulated.instruments else []

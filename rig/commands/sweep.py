@@ -170,7 +170,7 @@ def sweep(
             files = {"report": str(report), "table": str(folder / TABLE)}
             print_json({**files, "points": points_of(folder, swept, state)})
         if view is not None:
-            come_to(view, screen, f"finished: {folder}", report=report)
+            come_to(view, screen, f"finished: {folder}", report=report, stays=not as_json)
     bad = state.ended("failed", "interlock")
     if bad:
         named, count = points_named(list(bad)), len(swept.points)

@@ -165,8 +165,15 @@ def _why_not(contrasts: Sequence[Mapping[str, Any]]) -> str:
     )
     others = len(contrasts) - len(against)
     but = f"; {others} of {counted(len(contrasts), 'figure')} say otherwise" if others else ""
-    figure = f"{one['channel']}, {one['what']}"
+    figure = f"{one['channel']}, {one['what']}{_where(one)}"
     return f"{figure} is {measured}; the answer predicts {ours}, that {other}{but}"
+
+
+def _where(one: Mapping[str, Any]) -> str:
+    """In which part of a cycle or of a spectrum, in words."""
+    if one["band_hz"]:
+        return " at {:.0f} to {:.0f} Hz".format(*one["band_hz"])
+    return " from {:.2f} to {:.2f} of the cycle".format(*one["phase"]) if one["phase"] else ""
 
 
 def speaks_for_answer(one: Mapping[str, Any]) -> bool:

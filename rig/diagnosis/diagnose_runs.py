@@ -77,7 +77,7 @@ def diagnose_runs(
     kept = Kept(data.campaign, told, screen.warn)
     work = work_of("diagnose again" if kept.some else "diagnose", data.campaign, [1] * planned.motions)
     with (
-        screen.bar("simulating", planned.motions, "rigs", work, sooner=True) as bar,
+        screen.bar("simulating", planned.motions, "rigs", work, longest_s=_OVERTIME * latest_s) as bar,
         workers_when_needed(cores()) as workers,
     ):
         simulated = Simulated(data.campaign, workers, began + _OVERTIME * latest_s, bar)

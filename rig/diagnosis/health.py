@@ -69,7 +69,8 @@ def verdict_on(log: Path, screen: Screen) -> Verdict:
         return Verdict(None, ("Not judged: interrupted while healthy rigs were simulated.",))
     if band is None:
         return Verdict(None, ("Not judged: too few healthy rigs of this scenario could be simulated.",))
-    return _told(run, band.places(run.measured), band.rigs, _next_step(log, bool(model), repaired))
+    next_step = _next_step(log, bool(model), repaired)
+    return _told(run, band.places(run.measured), band.rigs, next_step, always=repaired)
 
 
 def _next_step(log: Path, matched: bool, repaired: bool = False) -> str:
@@ -82,20 +83,22 @@ def _next_step(log: Path, matched: bool, repaired: bool = False) -> str:
     return f"What causes it: rattle diagnose {quote(str(log))}{model} --out answer{by}"
 
 
-def _told(run: AloneRun, places: list[Place], rigs: int, next_step: str) -> Verdict:
+def _told(run: AloneRun, places: list[Place], rigs: int, next_step: str, always: bool) -> Verdict:
+    """The verdict in words; the next step of one that is not well, or `always`."""
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
     known = (
-        f"Gap {whole.gap:.2f}: healthy rigs have 1, and up to {whole.farthest:.2f} as {rigs} of them tell."
+        f"Gap {whole.gap:.2f}: most healthy rigs have about 1, none more than {whole.farthest:.2f}, "
+        f"by {rigs} that were simulated."
     )
-    remarks = [f"Mind: {remark}." for remark in run.remarks]
+    remarks, further = [f"Mind: {remark}." for remark in run.remarks], [next_step] if always else []
     if not beyond and not whole.beyond:
         nearest = max(channels, key=lambda place: place.gap / place.farthest)
         most = f"Nearest to its limit is {nearest.channel}, {_size(nearest)}."
         within = "Within what healthy rigs do"
         if run.left_out:
             within += f", but nobody knows of {listed(run.left_out)}"
-        return Verdict(None if run.left_out else True, (f"{within}.", f"{known} {most}", *remarks))
+        return Verdict(None if run.left_out else True, (f"{within}.", f"{known} {most}", *remarks, *further))
     named = [f"{place.channel}, {_size(place)}, {_why(place)}" for place in (beyond or channels)[:_NAMED]]
     more = len(beyond) - len(named)
     where = f"Most in {'; in '.join(named)}" + (f"; and in {more} more." if more > 0 else ".")

@@ -258,7 +258,7 @@ def recorded_alone(path: Path, longest_s: float) -> AloneRun:
         raise LogError(f"its mean speed is {_told_slip(run.slip)}, and a verdict holds for that one")
     whole = run.cycles
     if whole < _FEWEST_JUDGED:
-        raise LogError(f"{whole} sound cycles; a verdict needs {_FEWEST_JUDGED} at least")
+        raise LogError(f"{whole} sound cycles; a verdict needs {_FEWEST_JUDGED} at least: record longer")
     hertz = run.scenario.drive.cycle_hz
     twin = replace(run.twin, drive=run.twin.drive.at_cycle_hz(hertz))
     # wherever in its first cycle a run begins
@@ -273,7 +273,9 @@ def recorded_alone(path: Path, longest_s: float) -> AloneRun:
         sound = sound & (np.arange(len(sound)) >= _SETTLED_S * setting.columns.rate)
     blocks = setting.blocks_of(run.records, sound)
     if not len(blocks):
-        raise LogError(f"less than {setting.cycles} sound cycles together, once the motion has set in")
+        raise LogError(
+            f"less than {setting.cycles} sound cycles together, once the motion has set in: record longer"
+        )
     looked_at = max(longest // setting.cycles, _FEWEST_BLOCKS)
     while looked_at >= 2 * max(len(blocks), _FEWEST_BLOCKS):  # of a run that was cut, healthy rigs as short
         looked_at //= 2
@@ -350,6 +352,8 @@ def _reference(
     for name in sorted(names, key=lambda each: each not in measured):
         if name in kept:
             return name
+    if not measured:
+        raise RunUnusable(path, "nothing was measured")
     if model.reference not in lost:
         raise RunUnusable(path, f"no {model.reference}; without it nobody knows the phase of a cycle")
     each = lost[model.reference]
@@ -375,8 +379,8 @@ def _told_slip(slip: float) -> str:
 def _too_few(path: Path, whole: int) -> RunUnusable:
     return RunUnusable(
         path,
-        f"{whole} sound cycles that half of the next one follows; a diagnosis needs {_FEWEST_CYCLES}, "
-        "which three whole ones in a row have",
+        f"too short: {whole} sound cycles with half of the next one behind them; a diagnosis needs "
+        f"{_FEWEST_CYCLES}, so three whole cycles in a row",
     )
 
 

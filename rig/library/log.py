@@ -388,14 +388,14 @@ class Log:
     def verdict(self) -> Verdict:
         """Whether it lies within what healthy rigs do (`well`; None: nobody can tell), in `sentences`.
 
-        The first of a scenario takes a while: healthy rigs are simulated, and kept.
+        The first of a scenario takes a while, as standard error tells: healthy rigs are simulated, and kept.
         """
         from rig.diagnosis.health import verdict_on
         from rig.library.run import unguarded_main
         from rig.session.progress import Screen, Terminal
 
         with unguarded_main():
-            return verdict_on(self.path, Screen(Terminal(quiet=True)))
+            return verdict_on(self.path, Screen(Terminal(stderr=True)))
 
     def report(self, path: str | PathLike[str] | None = None) -> Path:
         """Write the page that `rattle run` writes, by default beside the log; returns where."""

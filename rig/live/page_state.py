@@ -130,7 +130,7 @@ class PageState:
         self._layout = Layout("", {}, {})
         self._heard_ns = 0
         self._start_ns: int | None = None
-        self._events: deque[tuple[str, str, str]] = deque(maxlen=_EVENTS)
+        self._events: deque[tuple[int, str, str, str]] = deque(maxlen=_EVENTS)
         self._dropped = 0
         self._swept: Swept | None = None
         self._outcome: Outcome | None = None
@@ -210,7 +210,7 @@ class PageState:
         if event.code == RECORD_START:  # what a start reached is none of the record's
             self._most.clear()
         told = time.strftime("%H:%M:%S", time.localtime(event.time_ns / NS_PER_S))
-        self._events.append((event.level, told, event.text))
+        self._events.append((event.time_ns, event.level, told, event.text))
 
     def _note_levels(self, most: dict[str, float]) -> None:
         for name, level in most.items():
@@ -276,7 +276,7 @@ class PageState:
             "cycles": self._banded,
             "worst": self._worst(),
             "figures": self._figures(),
-            "events": list(self._events),
+            "events": [told for _, *told in sorted(self._events)],
             "dropped": self._dropped,
             "outcome": None if self._outcome is None else _told(self._outcome),
             "swept": None if self._swept is None else self._swept._asdict(),

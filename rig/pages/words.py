@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+
 DASH: Final = "–"
 _LARGE = 1e5
 _SHORT_TIMES = ((1e-3, 1e6, "µs"), (0.1, 1e3, "ms"))
@@ -34,13 +36,14 @@ def number(value: float | None, unit: str = "") -> str:
 
 
 def numbers(values: Sequence[float]) -> list[str]:
-    """What stands in one row, with the decimals that give the largest four significant digits."""
-    finite = [abs(value) for value in values if math.isfinite(value)]
-    most = max(finite, default=0.0)
-    as_decimal = f".{3 - math.floor(math.log10(most))}f" if 1e-3 <= most < 1e4 else ".3e"
-    told = (f"{value:{as_decimal}}" for value in values)
-    return [text if math.isfinite(value) and float(text) else number(value)
-            for text, value in zip(told, values, strict=True)]  # fmt: skip
+    """What stands in one row, each with four significant digits; powers only where the largest is one."""
+    most = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if not 1e-3 <= most < 1e4:
+        return [f"{value:.3e}" if math.isfinite(value) and value else number(value) for value in values]
+    return [
+        np.format_float_positional(value, 4, fractional=False, trim="-") if math.isfinite(value) else DASH
+        for value in values
+    ]
 
 
 def signed(value: float, decimals: int = 2) -> str:

@@ -63,8 +63,8 @@ _KEPT_SAMPLES = 64_000_000
 
 _REACH, _HOLES = 1 << 20, 16
 """Samples up to which a trace may begin, and how many may be missing for each that is there."""
-_NOISY = 3.0
-"""Times the noise of a healthy rig's sensor: what shows more moves."""
+_NOISY, _STRUCK = 3.0, 8.0
+"""Times the noise of a healthy rig's sensor: what shows more, or ever reaches so much, moves."""
 
 
 @dataclass(slots=True)
@@ -224,6 +224,10 @@ class RunRecord:
         """How many gaps measured channels have, that behind a stop among them."""
         return sum(gap.origin in ("", "measured") for gap in self.gaps)  # older logs do not say whose
 
+    def noise(self, name: str) -> float:
+        """Rms that a healthy rig's sensor shows of a channel where nothing moves; 0 where nobody knows."""
+        return _sensor_noise(self.scenario, tuple(self.channels)).get(name, 0.0)
+
     @property
     def still(self) -> frozenset[str]:
         """Channels of which every prediction is 0 throughout, and that show no more than sensor noise."""
@@ -231,11 +235,11 @@ class RunRecord:
         for (origin, name), tally in self.tallies.items():
             if origin != "measured":
                 largest[name] = max(largest.get(name, 0.0), tally.largest)
-        noise, measured = _sensor_noise(self.scenario, tuple(self.channels)), self.measured
+        measured = self.measured
         return frozenset(
             name
             for name, most in largest.items()
-            if most == 0.0 and not (name in measured and measured[name].rms > _NOISY * noise.get(name, 0.0))
+            if most == 0.0 and not (name in measured and _shows_more(measured[name], self.noise(name)))
         )
 
     @property
@@ -322,6 +326,10 @@ class RunCollector:
             },
             begins_ns=self._begins_ns,
         )
+
+
+def _shows_more(seen: Tally, noise: float) -> bool:
+    return seen.rms > _NOISY * noise or seen.largest > _STRUCK * noise
 
 
 def read_run(log: Path, consumers: Sequence[Consumer] = ()) -> RunRecord:

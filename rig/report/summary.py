@@ -148,9 +148,12 @@ def _distances(run: RunRecord, origins: tuple[Origin, ...]) -> Iterator[tuple[st
             continue
         spectrum, half = _banded(measured.values, measured), len(measured.values) // 2
         if (spectrum.density > 0).any():
-            halves = (_banded(part, measured) for part in (measured.values[:half], measured.values[half:]))
-            apart_db = tuple(distance_db(spectrum, _banded(each.values, each)) for each in others)
-            yield name, apart_db, distance_db(*halves)
+            first, last = (
+                _banded(part, measured) for part in (measured.values[:half], measured.values[half:])
+            )
+            floor = run.noise(name) ** 2 / (measured.sample_rate / 2)
+            apart_db = tuple(distance_db(spectrum, _banded(each.values, each), floor) for each in others)
+            yield name, apart_db, distance_db(first, last, floor)
 
 
 def overall(channels: Sequence[Closeness]) -> Closeness:
@@ -159,14 +162,18 @@ def overall(channels: Sequence[Closeness]) -> Closeness:
     return Closeness("", *(float(value) for value in np.sqrt(np.mean(rows**2, axis=0))))
 
 
-def distance_db(one: Autospectrum, other: Autospectrum) -> float:
-    """Rms level difference over the bands of `one` within 40 dB of its strongest; 40 dB at most each."""
+def distance_db(one: Autospectrum, other: Autospectrum, floor: float = 0.0) -> float:
+    """Rms level difference over the bands of `one` within 40 dB of its strongest; 40 dB at most each.
+
+    `floor` is the density of the sensor's noise: what both lies below it differs by nothing.
+    """
     if not (one.density > 0).any():
         return 0.0
     depth = 10 ** (-_DEPTH_DB / 10)
     counted = one.density > depth * one.density.max()
     frequency, here = one.frequency_hz[counted], one.density[counted]
     there = np.interp(frequency, *other) if len(other.density) else np.zeros_like(here)
+    here, there = here + floor, there + floor
     level = 10 * np.log10(here / np.maximum(there, depth * here))
     return float(np.sqrt(np.mean(np.minimum(np.abs(level), _DEPTH_DB) ** 2)))
 

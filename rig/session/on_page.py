@@ -64,13 +64,20 @@ def show(view: LiveView, layout: Layout, screen: Screen) -> None:
 
 
 def come_to(
-    view: LiveView, screen: Screen, what: str, verdict: Verdict | None = None, report: Path | None = None
+    view: LiveView,
+    screen: Screen,
+    what: str,
+    verdict: Verdict | None = None,
+    report: Path | None = None,
+    stays: bool = True,
 ) -> None:
-    """Show what it came to; then the view stays until a person, if there is one, closes it."""
+    """Show what it came to; then the view `stays` until a person, if there is one, closes it."""
     from rig.live.view import Outcome
 
     sentences, well = ((), None) if verdict is None else (verdict.sentences, verdict.well)
     view.offer(Outcome(sentences, well, report))
     screen.stage(what)
+    if not stays:
+        return
     with StopRequest() as stop:
         screen.hold(_STAYS, lambda: stop.wanted)

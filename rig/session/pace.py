@@ -51,7 +51,7 @@ class Paces:
 
     def took(self, work: Work, seconds: float) -> None:
         """Keep what a work took, unless machine code was compiled meanwhile, which it is but once."""
-        if self._off or work.units <= 0 or seconds <= 0 or compiled_since(time.time() - seconds):
+        if self._off or work.units <= 0 or seconds <= 0 or _compiled_within(seconds):
             return
         self._known = known = self._read()  # anew: another command may have kept something
         known[work.kind] = [*known.get(work.kind, []), (work.units, seconds)][-_KEPT:]
@@ -94,8 +94,9 @@ def _by_line(known: Sequence[tuple[float, float]], units: float) -> float:
     return start_s + slope * units
 
 
-def compiled_since(since: float) -> bool:
-    """Whether machine code was put on the disk after a Unix time, or is there at all where that is 0."""
+def _compiled_within(seconds: float) -> bool:
+    """Whether machine code was put on the disk in the last so many seconds."""
+    since = time.time() - seconds
     places = [_PROJECT / "sim_twin", _PROJECT / "daq", cache_folder().parent / "numba"]
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         places.append(Path(given))

@@ -26,16 +26,11 @@ from rich.text import Text
 
 from daq.clock import Clock, SystemClock
 from daq.errors import RattleError, harmless
-from rig.session.pace import Paces, Work, compiled_since, lasting
+from rig.session.pace import Paces, Work, lasting
 
-FIRST_START: Final = "compiled on a first start, which takes up to a minute"
+FIRST_START: Final = "up to a minute where it is compiled first"
 """Measured on two cores with nothing compiled: beam 17 s, planar crank 34 s, spatial crank 50 s, or 52 s on
 real instruments. Whatever simulates first compiles for all."""
-
-
-def first_start() -> str:
-    """What is told of a start that nobody timed here: nothing once there is machine code."""
-    return "" if compiled_since(0.0) else FIRST_START
 
 
 TOLD_FROM_S: Final = 3.0
@@ -99,8 +94,8 @@ class Waiting:
             return max(by_told, 0.0)
         by_pace = self._by_pace()
         if self._longest_s is not None:
-            longest_s = max(self._longest_s - self.taken_s, 0.0)
-            return longest_s if by_pace is None else min(by_pace, longest_s)
+            known = [by_told or None, by_pace, max(self._longest_s - self.taken_s, 0.0)]
+            return min(each for each in known if each is not None and each >= 0.0)
         return by_told if by_pace is None and by_told is not None and by_told > 0 else by_pace
 
     def _by_pace(self) -> float | None:
@@ -122,7 +117,7 @@ class _Left(ProgressColumn):
 
     def render(self, task: Task) -> Text:
         left_s: float | None = task.fields["waiting"].left_s
-        at_most = "at most " if task.fields["sooner"] else ""
+        at_most = "at most " if task.fields["at_most"] else ""
         words = [] if left_s is None else [f"{at_most}{lasting(left_s)} left"]
         if task.total is None and task.completed:
             words = [f"{lasting(task.completed)} so far"]
@@ -262,25 +257,24 @@ class Screen:
         unit: str = "s",
         work: Work | None = None,
         beside: Callable[[], str] = lambda: "",
-        sooner: bool = False,
         longest_s: float | None = None,
     ) -> Iterator[Callable[[float], None]]:
         """A progress bar up to `total` seconds, or what `unit` says; on a pipe, of a count each quarter.
 
         Where `total` is 0 s a person ends it, nobody knows when, and how long it has gone on is shown.
         What it gives is told how far it is, in that unit; `beside` says what else there is to see. How long
-        `work` takes is told at the start or, where nobody knows, once it is measured. It may end `sooner`
-        than with all of `total`, or after `longest_s` with less of it.
+        `work` takes is told at the start or, where nobody knows, once it is measured. It may end
+        with less than `total`, after `longest_s` at the latest.
         """
         told_s = self._expected_s(work)
         endless = not total and unit == "s"
-        known_s = (total or None) if told_s is None and unit == "s" else told_s
-        if longest_s is not None:
+        known_s = (total or None) if work is None and unit == "s" else told_s
+        if told_s is None and longest_s is not None:
             known_s = longest_s
         self.stage(text, 0.0, total, unit, known_s)
         with self._timed(work, total, known_s, longest_s) as waiting:
             if self.console.is_terminal:
-                at_most = longest_s is not None or (sooner and told_s is None)
+                at_most = longest_s is not None and told_s is None
                 with self._shown(text, None if endless else total, waiting, beside, at_most) as show:
 
                     def shown(done: float) -> None:
@@ -291,7 +285,8 @@ class Screen:
                     yield shown
                 return
             about = [] if told_s is None else [f"{_about(told_s)}{' in all' if unit == 's' else ''}"]
-            about += [] if longest_s is None else [f"at most {lasting(longest_s)}"]
+            if longest_s is not None and told_s is None:
+                about = [f"at most {lasting(longest_s)}"]
             size = ", ".join([*([] if endless else [f"{total:g} {unit}"]), *about])
             self.say(f"{text}{f' ({size})' if size else ''} ...")
             said, measured = 0, told_s is not None or work is None
@@ -304,7 +299,8 @@ class Screen:
                 if not measured and left_s is not None:
                     measured = True
                     if left_s + waiting.taken_s >= TOLD_FROM_S:
-                        self.say(f"{text}: {'at most' if sooner else 'about'} {lasting(left_s)} left")
+                        most = "about" if longest_s is None else "at most"
+                        self.say(f"{text}: {most} {lasting(left_s)} left")
                 if unit in _NO_QUARTERS:
                     return
                 if (now := min(3, int(4 * done / total)) if total else 3) > said:
@@ -320,13 +316,13 @@ class Screen:
         total: float | None,
         waiting: Waiting,
         beside: Callable[[], str] = lambda: "",
-        sooner: bool = False,
+        at_most: bool = False,
     ) -> Iterator[Callable[[float], None]]:
         counted = () if total is None else (BarColumn(_BAR),)
         left = _Left(Column(no_wrap=True))
         columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), *counted, left)
         progress = Progress(*columns, console=self.console, transient=True)
-        task = progress.add_task(harmless(text), total=total, waiting=waiting, beside=beside, sooner=sooner)
+        task = progress.add_task(harmless(text), total=total, waiting=waiting, beside=beside, at_most=at_most)
         self._show(progress.start)
         try:
             yield lambda done: progress.update(task, completed=done)

@@ -104,9 +104,9 @@ class _Derived:
 def _shown(log: LogReader, speed: float, screen: Screen) -> AbstractContextManager[Callable[[float], None]]:
     """A bar over the s of a log that are played; of a log that was cut short nobody knows how many."""
     ends_ns = [log.last_ns(f"/{origin}/{name}", 0) for origin in PLAYED for name in log.channels(origin)]
-    seconds = (max(ends_ns) - (log.zero_ns or 0)) / NS_PER_S
+    seconds = max((max(ends_ns) - (log.zero_ns or 0)) / NS_PER_S, 0.0)
     work = Work("replay", log.path.stat().st_size / 1e6)
-    return screen.bar("replaying", max(seconds, 0.0), LOG_S, work if speed == 0 else None)
+    return screen.bar("replaying", round(seconds, 3), LOG_S, work if speed == 0 else None)
 
 
 def _play(
@@ -117,7 +117,10 @@ def _play(
     publish: Consumer,
     told: Callable[[float], None],
 ) -> int:
-    """Paced on the monotonic clock; returns the number of blocks."""
+    """Paced on the monotonic clock; returns the number of blocks.
+
+    Events wait for no block: those of before and after the samples come with the first and the last.
+    """
 
     def blocks(origin: Origin) -> Iterator[tuple[int, Record]]:
         for _, block in log.blocks(origin):  # by the time at which they end, when a live run had them
@@ -125,17 +128,19 @@ def _play(
             yield end_ns, Block(origin, block)
 
     events: Iterator[tuple[int, Record]] = ((event.time_ns, event) for event in log.events())
-    started_s, first_ns, count = clock.monotonic_s(), None, 0
+    started_s, count = clock.monotonic_s(), 0
+    begin_ns, at_s = log.zero_ns or 0, 0.0
     for time_ns, record in heapq.merge(*map(blocks, PLAYED), events, key=lambda item: item[0]):
-        first_ns = time_ns if first_ns is None else first_ns
         stop.check()
+        if isinstance(record, Block):
+            at_s = max(time_ns - begin_ns, 0) / NS_PER_S
         if speed > 0:
-            due_s = started_s + (time_ns - first_ns) / NS_PER_S / speed
+            due_s = started_s + at_s / speed
             while (left_s := due_s - clock.monotonic_s()) > 0:
                 stop.check()
                 clock.sleep(min(left_s, 0.05))
         publish(record)
-        told((time_ns - first_ns) / NS_PER_S)
+        told(at_s)
         count += isinstance(record, Block)
     return count
 

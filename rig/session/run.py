@@ -34,7 +34,7 @@ from rig.session.frequency import HELD, ON_THEIR_WAY_S, FrequencyCheck, Frequenc
 from rig.session.levels import Levels
 from rig.session.on_page import show
 from rig.session.pace import Work
-from rig.session.progress import IMPACTS, Screen, first_start
+from rig.session.progress import FIRST_START, IMPACTS, Screen
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
 from rig.stream import Consumer, Record
@@ -265,6 +265,7 @@ class _Run:
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
         beside = [ENCODER_ANGLE.name] if ENCODER_ANGLE.name in twin.sensors else []
         crew = None if self._request.standing is None else self._request.standing.crew
+        stands = crew is not None and crew.has("twin")
         self._feed = feed = TwinFeed(
             twin,
             (*rig.names, *beside),
@@ -289,8 +290,8 @@ class _Run:
         stack.enter_context(derivation.worker)
         stack.enter_context(feed.worker)
         emulated = "daq_card" in self._request.bench.emulated  # then its start has told it
-        work = Work(f"warm up {self._scenario.rig}")
-        with rig.screen.busy("warming up the twin", work, "" if emulated else first_start()):
+        work = None if stands else Work(f"warm up {self._scenario.rig}")
+        with rig.screen.busy("warming up the twin", work, "" if emulated or stands else FIRST_START):
             feed.worker.wait_ready(self._stop.check)
             derivation.wait_ready(self._stop.check)
         log = rig.open_log(stack, self._request.folder, self._scenario.name)
@@ -325,9 +326,10 @@ class _Run:
             derivation.finish(rig.logbook.note, self._stop.check)
         if view is not None:
             dropped = view.dropped - self._dropped_before
-            rig.logbook.tell("info", "view.dropped", f"{dropped} blocks were not shown")
+            if dropped:
+                rig.logbook.tell("info", "view.dropped", f"{dropped} blocks were not shown")
         rig.recorder.close()
-        rig.screen.stage(f"finished: {log}")
+        rig.screen.stage(f"recorded: {log}")
         return log
 
     def _matched(self) -> AnyTwin:

@@ -14,6 +14,7 @@ from daq.block import SampleBlock, values_of
 from daq.clock import Clock
 from daq.errors import EmergencyStop, InterlockTripped, RattleError
 from daq.signals.impacts import Levels
+from daq.signals.running_figures import warm_up
 from rig.derived.per_source import ImpactWatch
 from rig.derived.settings import CYCLES, settle_s, settled
 from rig.files.bench import Bench
@@ -250,6 +251,7 @@ class ImpactCount:
     def __init__(
         self, channels: Sequence[str], wanted: int, cycle_hz: float, above: float | None = None
     ) -> None:
+        warm_up()  # else the acquisition would wait for it as it looks for the first time
         self._channels, self.wanted, self._cycle_hz = channels, wanted, cycle_hz
         self._levels = {} if above is None else dict.fromkeys(channels, Levels(above, above / 2))
         self._first: dict[str, list[SampleBlock]] = {}

@@ -79,11 +79,11 @@ def test_a_run_at_a_terminal_is_armed_waits_for_enter_and_is_told_to_its_end(
         for each in (lambda: os.close(ours), reading.join, run.wait, run.kill):  # the last one first
             stack.callback(each)
         watched = Watched(server)
-        armed = watched.await_stage("armed: Enter starts", "level")
+        armed = watched.await_stage("armed: Enter at the terminal starts", "level")
         assert len(armed["channels"]) == 5
         assert armed["channels"][0]["bounds"][0] is not None
         for _ in range(5):  # a second, in which nothing may begin
-            watched.await_stage("armed: Enter starts")
+            watched.await_stage("armed: Enter at the terminal starts")
         assert not bench.spy.moved
         os.write(ours, b"\n")
         recorded = watched.await_stage("finished", "most")

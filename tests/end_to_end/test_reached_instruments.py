@@ -11,6 +11,7 @@ from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from rig.files.bench import embedded_bench
 from rig.rigs import RIGS
+from rig.session.progress import FIRST_START
 from tests.end_to_end.command import Command, await_gone, command, rattle
 from tests.end_to_end.files import write_crank, write_scenario
 
@@ -21,7 +22,7 @@ ENCODER = "[encoder]\nemulated = true\n"
 
 
 def printed_bench(emulators: Command) -> str:
-    emulators.await_line("starting")
+    assert FIRST_START in emulators.await_line("starting")
     emulators.await_line("to reach them")
     lines = [emulators.await_line("")]
     while not lines[-1].startswith("Ctrl-C"):
@@ -51,6 +52,7 @@ def test_the_printed_lines_are_a_bench_that_a_run_takes(rig: str, tmp_path: Path
         assert emulators.end().code == 130
     await_gone(servers)
     assert (ended.code, ended.err) == (0, "")
+    assert ended.out.count(FIRST_START) == 1
     assert verify_log(ended.log).sound
     with LogReader(ended.log) as log:
         assert "emulated" not in log.metadata["run"]

@@ -17,6 +17,7 @@ from daq.log.reader import LogReader, Origin
 from daq.log.recover import verify_log
 from rig.report.record import read_run
 from rig.report.summary import half_cycle_statistics
+from rig.session.progress import FIRST_START
 from tests.end_to_end.command import Ended
 from tests.end_to_end.files import CHANNELS
 
@@ -35,6 +36,11 @@ def test_last_line_names_the_log_and_the_report_lies_beside_it(settled_run: Ende
     assert settled_run.out.rstrip().splitlines()[-1].startswith("log ")
     assert settled_run.log.is_file()
     assert settled_run.log.with_suffix(".html").stat().st_size > 100_000
+
+
+def test_how_long_a_first_start_takes_is_told_once_and_where_it_takes_so_long(settled_run: Ended) -> None:
+    (told,) = (line for line in settled_run.out.splitlines() if FIRST_START in line)
+    assert told.startswith("starting the emulated instruments")
 
 
 def test_log_is_sound_and_its_ledger_empty(settled_log: Path) -> None:

@@ -42,6 +42,8 @@ _NO_CYCLE = (
     "may not be compared wave by wave."
 )
 _MEAN = "The mean of all cycles may be compared as it stands, and so may the distributions and spectra below."
+_SET_IN_S = 0.5
+_SET_IN = f"Cycles count in the mean from {_SET_IN_S:g} s on."
 
 
 class Cycle(NamedTuple):
@@ -92,9 +94,11 @@ class MeanCycle(NamedTuple):
 
 
 def mean_cycle(trace: Trace, cycle: Cycle) -> MeanCycle:
-    """The mean of all cycles of a trace; empty without a finite sample."""
+    """The mean of all cycles of a trace, from rest of those once it swings; empty without a finite sample."""
     finite = np.flatnonzero(np.isfinite(trace.values))
     times = trace.begins_s + finite / trace.sample_rate
+    if cycle.from_rest and (set_in := times >= _SET_IN_S).any():  # neither standstill nor the first swings
+        finite, times = finite[set_in], times[set_in]
     turns = times * cycle.frequency_hz + cycle.phase_rad / (2 * np.pi)
     count = max(1, min(_MEAN_POINTS, round(trace.sample_rate / cycle.frequency_hz)))
     place = np.minimum((turns % 1.0 * count).astype(np.int64), count - 1)
@@ -155,7 +159,7 @@ def parts(run: RunRecord) -> list[Part]:
 
 def _remark(run: RunRecord, cycle: Cycle | None, impacts: _Window | None) -> list[Sentence]:
     if cycle is not None:
-        return [Sentence(f"{_FROM_REST if cycle.from_rest else _RUNNING} {_MEAN}")]
+        return [Sentence(f"{_FROM_REST} {_MEAN} {_SET_IN}" if cycle.from_rest else f"{_RUNNING} {_MEAN}")]
     told = [Sentence(f"{_why_no_cycle(run)}: {_NO_CYCLE}")]
     if impacts is None:
         stops = run.roles.stops

@@ -82,7 +82,8 @@ def _angles(run: RunRecord) -> list[Part]:
             mean = np.angle(apart.mean())
             spread = float(np.degrees(np.std(np.angle(apart * np.exp(-1j * mean)))))
             rows.append([name, f"{signed(float(np.degrees(mean)))}°", f"{spread:.2f}°"])
-    return [Table(("channel", "measured less predicted", "scatter"), rows, "Angles")] if rows else []
+    headings = ("channel", "measured less predicted", "scatter")
+    return [Table(headings, rows, "Angles; the twin is laid on the first")] if rows else []
 
 
 def _ripple(value: float, unit: str) -> str:

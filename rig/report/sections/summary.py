@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from rig.pages.plots import FROM_ZERO, Plots
 from rig.pages.words import DASH, as_written, change, counted, difference, listed, number, spread
 from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Tally
-from rig.report.summary import closeness, half_cycle_statistics, overall, warnings_passed
+from rig.report.summary import Closeness, closeness, half_cycle_statistics, overall, warnings_passed
 
 _ROW_PX = 44
 _CAPTION = (
@@ -33,7 +33,7 @@ def parts(run: RunRecord) -> list[Part]:
     state = BigNumber("Measured", "nothing", "a prediction only")
     if run.measured:
         remark = f"{counted(run.measured_gaps, 'gap')}, {counted(run.overloaded_blocks, 'overloaded block')}"
-        whole = "cut short" if run.measured_gaps else "complete"
+        whole = "cut short" if run.measured_gaps or not run.complete else "complete"
         state = BigNumber("Samples", f"{run.missing} missing" if run.missing else whole, remark)
     numbers = [
         BigNumber("Recorded", number(run.duration_s, "s"), run.facts.drive),
@@ -94,14 +94,20 @@ def _comparison(run: RunRecord) -> list[Part]:
         ("repaired", [each.repaired_db for each in channels]),
     ):
         grid.lying_bars(0, whose, rows, lengths)
+    worse = farther_off(run, channels)
+    told = [Sentence(worse, warning=True)] if worse else []
+    return [numbers, *told, grid.figure("comparison", _CAPTION)]
+
+
+def farther_off(run: RunRecord, channels: Sequence[Closeness]) -> str:
+    """What the effects of an overlay make worse, in a sentence; empty for nothing."""
     worse = [
         f"spectrum of {each.channel} ({each.nominal_db:.1f} dB off without them, {each.repaired_db:.1f} with)"
         for each in channels
         if each.repaired_db > each.nominal_db + _WORSE_DB
     ]
     worse += _worse_peaks(run)
-    told = [Sentence(f"Farther off with the effects in: {listed(worse)}.", warning=True)] if worse else []
-    return [numbers, *told, grid.figure("comparison", _CAPTION)]
+    return f"Farther off with the effects in: {listed(worse)}." if worse else ""
 
 
 def _worse_peaks(run: RunRecord) -> list[str]:

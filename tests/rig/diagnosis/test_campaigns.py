@@ -156,7 +156,7 @@ def _size(setting: RunSetting) -> int:
 def test_what_is_weak_or_odd_in_a_run_is_said(tmp_path: Path) -> None:
     odd = CrankRun(180, 3, slip=-0.02, told="encoder.angle", slow=RATE / 4)
     found = read(tmp_path, odd, CrankRun(180, 0.5))
-    assert found.remarks[0].startswith("run1.mcap is left out: 1 sound cycles")
+    assert found.remarks[0].startswith("run1.mcap is left out: too short: 1 sound cycles")
     for text in (
         "encoder.angle tells the cycles in place of crank.angle",
         "its mean speed is 2.00% below the scenario's; the twin runs as fast as the rig did",

@@ -257,7 +257,7 @@ def test_what_lies_in_the_lost_part_does_not_matter(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seconds", [0.04, 0.12])
 def test_too_few_cycles_are_refused_with_their_number(log: Path, seconds: float) -> None:
     run = write(log, cut(beam(), seconds), BEAM)
-    with pytest.raises(LogError, match=r"run\.mcap: [01] sound cycles .* which three whole ones"):
+    with pytest.raises(LogError, match=r"run\.mcap: too short: [01] sound cycles .* three whole cycles"):
         recorded([run])
 
 
@@ -335,7 +335,7 @@ def test_a_run_at_twice_the_rate_gives_the_same_numbers(tmp_path: Path) -> None:
 
 def test_fragments_without_a_whole_cycle_are_too_few_cycles(log: Path) -> None:
     run = write(log, crank(), CRANK, damage=spoilt("piston_frame.acceleration_y", *range(1, 40, 3)))
-    with pytest.raises(LogError, match=r"run\.mcap: 0 sound cycles"):
+    with pytest.raises(LogError, match=r"run\.mcap: too short: 0 sound cycles"):
         recorded([run])
 
 

@@ -173,9 +173,7 @@ def test_every_channel_has_its_traces_and_no_text_is_cut(
         assert len(told["channels"]) == count
         assert_every_trace_is_drawn(page, told)
         assert faults_of_texts(page, PLACES) == []
-        assert (
-            page.locator("#worst").inner_text().startswith("highest level so far: contact.force_upper, 80 %")
-        )
+        assert page.locator("#worst").inner_text().startswith("highest level: contact.force_upper, 80 %")
         assert re.fullmatch(r"\d\.\d s left", page.locator("#left").inner_text())
         scale = page.locator(".cell").nth(1).locator(".scale, .edge").filter(visible=True)
         assert re.findall(r"-?\d+", "".join(scale.all_inner_texts())) in (["-5", "45"], ["45", "-5"])

@@ -66,9 +66,9 @@ def test_no_probability_is_called_certain() -> None:
     ]  # fmt: skip
 
 
-def test_numbers_of_a_row_have_the_decimals_of_the_largest() -> None:
-    assert numbers([0.1234, 0.00012, math.nan]) == ["0.1234", "0.0001", DASH]
-    assert numbers([1234.5, 0.4]) == ["1234", "0.4"]  # what would be none is told as it is
+def test_numbers_of_a_row_are_written_alike() -> None:
+    assert numbers([0.1234, 0.000123456, math.nan]) == ["0.1234", "0.0001235", DASH]
+    assert numbers([1234.5, 0.4, 0.0]) == ["1234", "0.4", "0"]
     assert numbers([2e-5, 3e-7]) == ["2.000e-05", "3.000e-07"]
     assert numbers([0.0, 0.0]) == ["0", "0"]
     assert numbers([]) == []

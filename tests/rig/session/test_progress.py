@@ -294,12 +294,12 @@ def test_of_what_ends_when_a_person_says_so_a_terminal_shows_how_long_it_has_gon
 
 def test_what_may_end_sooner_is_told_as_the_most_it_takes() -> None:
     screen, _, clock, out = timed(None)
-    with screen.bar("simulating", 80, "rigs", WORK, sooner=True) as bar:
+    with screen.bar("simulating", 80, "rigs", WORK, longest_s=200.0) as bar:
+        assert out.getvalue() == "simulating (80 rigs, at most 3 min 20 s) ...\n"
         for clock.now_s, done in ((6.0, 8), (10.0, 16)):
             bar(done)
-    assert out.getvalue().splitlines()[-1] == "simulating: at most 32 s left"
     screen, _, clock, out = timed(None, terminal=True)
-    with screen.bar("simulating", 80, "rigs", WORK, sooner=True) as bar:
+    with screen.bar("simulating", 80, "rigs", WORK, longest_s=200.0) as bar:
         for clock.now_s, done in ((6.0, 8), (10.0, 16)):
             bar(done)
     assert "at most 32 s left" in out.getvalue()

@@ -14,6 +14,7 @@ import pytest
 from daq.block import NS_PER_S, SampleBlock
 from daq.errors import LogError
 from daq.log.reader import LogReader
+from daq.log.records import Event
 from daq.log.writer import LogWriter
 from rig.bounds import Bounds
 from rig.live.picture import Layout
@@ -24,7 +25,7 @@ from rig.session.signals import Stopped
 from rig.stream import Block, Record, Shape
 from rig.twin.logged import predicting_twin, scenario_of
 from tests.rig.session.fakes import Kept, silent_screen
-from tests.rig.synthetic_run import CHANNELS, RATE, SCENARIO, write_log
+from tests.rig.synthetic_run import CHANNELS, RATE, SCENARIO, START_NS, write_log
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "samples"
 
@@ -94,6 +95,24 @@ def test_it_keeps_the_pace_of_the_record(log: Path, speed: float) -> None:
     for at_s, end_s in kept.at_s:
         # its event at the start of the record is the first to come, and blocks come when they end
         assert at_s == pytest.approx(end_s / speed, abs=1e-6)
+
+
+def test_what_happened_before_and_after_the_samples_takes_no_time(tmp_path: Path) -> None:
+    """A motor that came up, say, and stood again."""
+    path, long_ns = tmp_path / "log.mcap", 60 * NS_PER_S
+    write_log(path, seconds=1.0)
+    with LogReader(path) as read, LogWriter(tmp_path / "longer.mcap") as log:
+        for time_ns in (START_NS - long_ns, START_NS + long_ns):
+            log.add_event(Event(time_ns, "info", "motor", "motor", "stands"))
+        log.add_metadata("scenario", {"toml": read.scenario})
+        for channel in read.channels("measured").values():
+            log.declare("measured", channel)
+        for origin, block in read.blocks(("measured",)):
+            log.add_block(origin, block, block.time_ns)
+    clock = SteppedClock()
+    kept = Kept()
+    replay_log(tmp_path / "longer.mcap", 1.0, None, silent_screen(), clock, (kept,))
+    assert clock.now_s - 100.0 == pytest.approx(1.0, abs=0.06)
 
 
 def test_as_fast_as_possible_waits_for_nothing(log: Path) -> None:

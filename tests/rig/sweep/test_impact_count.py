@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections import Counter
 
 import numpy as np
@@ -67,6 +69,17 @@ def test_the_fifteenth_impact_ends_the_record_whatever_the_blocks(block: int) ->
         assert over <= end <= over + block + 2
         # at 15 or 16: the next half cycle's may be over within the same block
         assert 15 <= count.count <= 15 + block / (CYCLE_S / 2 * RATE) + 1
+
+
+def test_what_it_counts_with_is_loaded_before_the_first_reading() -> None:
+    """In the acquisition's thread that takes most of a second, in which no reading is fetched."""
+    code = (
+        "from daq.signals import running_figures\n"
+        "from rig.sweep.execute import ImpactCount\n"
+        "ImpactCount(('contact.force_upper',), 15, 20.0)\n"
+        "assert running_figures._scan.signatures"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)  # noqa: S603 - our own
 
 
 def test_one_side_alone_counts_its_own() -> None:
