@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from rig.derived.settings import role_of
+from rig.rigs import declared
 from sim_twin.rigs.channel_table import Role
 
 if TYPE_CHECKING:
@@ -35,8 +35,10 @@ def bounds_of(ranges: Mapping[str, float | None], limits: Iterable[Limit]) -> di
     return {name: Bounds(full, *told.get(name, (None, None))) for name, full in ranges.items()}
 
 
-_ALWAYS_HIGH: Final = (Role.ANGLE, Role.MARKER, Role.SPEED)
-"""How far these reach says nothing, but for a limit: they hide what a person watches."""
+def _always_high(channel: str) -> bool:
+    """How far it reaches says nothing, but for a limit: it would hide what a person watches."""
+    known = declared(channel)
+    return known is not None and known.role in (Role.ANGLE, Role.MARKER, Role.SPEED)
 
 
 def nearest(levels: Mapping[str, float], bounds: Mapping[str, Bounds]) -> str:
@@ -44,7 +46,7 @@ def nearest(levels: Mapping[str, float], bounds: Mapping[str, Bounds]) -> str:
     near = {
         name: bounds[name].share(level)
         for name, level in levels.items()
-        if name in bounds and (bounds[name].abort is not None or role_of(name) not in _ALWAYS_HIGH)
+        if name in bounds and (bounds[name].abort is not None or not _always_high(name))
     }
     found = max(near, key=near.__getitem__, default="")
     return found if found and near[found] > 0 else ""

@@ -24,10 +24,14 @@ if TYPE_CHECKING:
 
 def recorded(log: Path, screen: Screen) -> RunRecord:
     """What a log tells; how long reading takes is told where it takes long."""
-    from rig.report.record import read_run
-
     work = reading("read a run", log)
-    with screen.busy("reading", work) if work.units >= _LARGE_MB else nullcontext():
+    with (
+        screen.busy("reading", work)
+        if screen.console.is_terminal or work.units >= _LARGE_MB
+        else nullcontext()
+    ):
+        from rig.report.record import read_run  # with most of scipy, which takes as long
+
         return read_run(log)
 
 

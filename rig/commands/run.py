@@ -102,9 +102,11 @@ def run(
 
         # The rig stands: what its report takes, most of scipy, is loaded only now.
         from rig.commands.logs import recorded, report_and_name, show
+
+        read = recorded(log, screen)
         from rig.diagnosis.health import judged
 
-        found = judged(recorded(log, screen), screen)
+        found = judged(read, screen)
         show(found, screen)
         report = report_and_name(found, screen)
         if as_json:

@@ -217,7 +217,7 @@ def test_limit_of_an_acceleration_takes_g() -> None:
 @pytest.mark.parametrize(
     ("lines", "key", "allowed"),
     [
-        ('[limits."yoke.forse"]\nabort = 1', 'limits."yoke.forse"', "did you mean yoke.force?"),
+        ('[limits."yoke.forse"]\nabort = 1', 'limits."yoke.forse"', 'did you mean limits."yoke.force"?'),
         ('[limits."yoke.force"]\nabort = "5 m/s^2"', 'limits."yoke.force".abort', "not a unit of this kind"),
         ('[limits."yoke.force"]\nabort = "-5 N"', 'limits."yoke.force".abort', "above 0 N"),
         ('[limits."yoke.force"]\nabort = 5\nhold = "-1 s"', 'limits."yoke.force".hold', "0 s to 60 s"),

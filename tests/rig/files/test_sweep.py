@@ -123,7 +123,7 @@ def test_without_a_longest_the_scenarios_duration_is_it() -> None:
 @pytest.mark.parametrize(
     ("axes", "more", "key", "allowed"),
     [
-        ('"drive.freqency" = [20]', "", 'axes."drive.freqency"', "did you mean drive.frequency"),
+        ('"drive.freqency" = [20]', "", 'axes."drive.freqency"', 'did you mean axes."drive.frequency"'),
         ('"model.modal_damping" = [0.01]', "", 'axes."model.modal_damping"', "unknown key"),
         ('"drive.frequency" = ["20 N"]', "", 'axes."drive.frequency"[0]', "not a unit of this kind"),
         ('"drive.frequency" = []', "", 'axes."drive.frequency"', "1 to 1000 values"),

@@ -6,7 +6,7 @@ import numpy as np
 
 from daq.block import Flag
 from drivers.protocols.card import CardReading
-from rig.bounds import Bounds
+from rig.bounds import Bounds, nearest
 from rig.session.levels import Levels
 
 NAMES = ("drive.force", "motor.angle", "contact.force")
@@ -40,3 +40,11 @@ def test_where_no_channel_has_a_range_nothing_is_said() -> None:
     levels = Levels(NAMES, {})
     levels.take(reading([1.0], [2.0], [3.0]))
     assert levels.worst() == ""
+
+
+def test_a_marker_is_never_the_nearest_unless_it_has_a_limit() -> None:
+    """It always reaches its level, and would hide what a person watches."""
+    levels = {"crank.marker": 4.9, "slider.force_1": 3.0}
+    bounds = {"crank.marker": Bounds(5.0), "slider.force_1": Bounds(100.0)}
+    assert nearest(levels, bounds) == "slider.force_1"
+    assert nearest(levels, {**bounds, "crank.marker": Bounds(5.0, None, 5.0)}) == "crank.marker"
