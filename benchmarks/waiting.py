@@ -3,7 +3,8 @@
 The commands are run as a person would, with a cache of their own that knows nothing yet: each kind of work in
 a small and in a large size, from which the machine's pace is learnt, and then in one between, whose time was
 told before. What the emulated bench adds to every point of a sweep of 27 points of 15 impacts at 20 Hz is the
-time of the whole command less what was recorded.
+time of the whole command less what was recorded. A diagnosis, which ends once it is sure, is told by the most
+that it may take: what counts here is how long that which it simulated should have taken.
 
 Usage: python -m benchmarks.waiting [told | sweep | crank], all three without
 Returns 1 if more than 30 % lie between a time told and that taken, where that is a second or more, if a point

@@ -313,6 +313,8 @@ class PageState:
         low, high = (edge / factor for edge in self._edge(name, drawn))
         bounds = layout.bounds.get(name, (None, None, None))
         level, most = self._levels.get(name), self._most.get(name)
+        if self._outcome is not None:  # all is over: what it came to
+            level = most
         return {
             "name": name,
             "unit": unit,

@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from itertools import count
 from queue import SimpleQueue
 from typing import Any, Final
@@ -85,6 +86,11 @@ class Waiting:
         self._done, self._done_s = done, self._clock.monotonic_s()
         if self._first is None:
             self._first = done, self._done_s
+
+    @property
+    def share(self) -> float:
+        """How much of the total is done."""
+        return min(self._done / self._total, 1.0) if self._total else 1.0
 
     @property
     def left_s(self) -> float | None:
@@ -264,17 +270,17 @@ class Screen:
         Where `total` is 0 s a person ends it, nobody knows when, and how long it has gone on is shown.
         What it gives is told how far it is, in that unit; `beside` says what else there is to see. How long
         `work` takes is told at the start or, where nobody knows, once it is measured. It may end
-        with less than `total`, after `longest_s` at the latest.
+        with less than `total`, after `longest_s` at the latest; then what is told is the most that it takes.
         """
         told_s = self._expected_s(work)
+        if longest_s is not None:
+            told_s = longest_s if told_s is None else min(told_s, longest_s)
         endless = not total and unit == "s"
         known_s = (total or None) if work is None and unit == "s" else told_s
-        if told_s is None and longest_s is not None:
-            known_s = longest_s
         self.stage(text, 0.0, total, unit, known_s)
         with self._timed(work, total, known_s, longest_s) as waiting:
             if self.console.is_terminal:
-                at_most = longest_s is not None and told_s is None
+                at_most = longest_s is not None
                 with self._shown(text, None if endless else total, waiting, beside, at_most) as show:
 
                     def shown(done: float) -> None:
@@ -285,8 +291,8 @@ class Screen:
                     yield shown
                 return
             about = [] if told_s is None else [f"{_about(told_s)}{' in all' if unit == 's' else ''}"]
-            if longest_s is not None and told_s is None:
-                about = [f"at most {lasting(longest_s)}"]
+            if longest_s is not None and told_s is not None:
+                about = [f"at most {lasting(told_s)}"]
             size = ", ".join([*([] if endless else [f"{total:g} {unit}"]), *about])
             self.say(f"{text}{f' ({size})' if size else ''} ...")
             said, measured = 0, told_s is not None or work is None
@@ -299,8 +305,7 @@ class Screen:
                 if not measured and left_s is not None:
                     measured = True
                     if left_s + waiting.taken_s >= TOLD_FROM_S:
-                        most = "about" if longest_s is None else "at most"
-                        self.say(f"{text}: {most} {lasting(left_s)} left")
+                        self.say(f"{text}: about {lasting(left_s)} left")
                 if unit in _NO_QUARTERS:
                     return
                 if (now := min(3, int(4 * done / total)) if total else 3) > said:
@@ -346,6 +351,8 @@ class Screen:
         waiting = Waiting(total, told_s, self._clock, longest_s)
         yield waiting
         if work is not None:
+            if longest_s is not None:  # it may have ended with less of it
+                work = replace(work, units=work.units * waiting.share)
             seconds = waiting.taken_s
             self._show(
                 lambda: self.paces.took(work, seconds)
