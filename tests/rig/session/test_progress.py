@@ -334,3 +334,11 @@ def test_a_stage_is_told_with_the_time_left_and_with_what_it_is_a_part_of() -> N
         ("point 2 of 27 (about 1 min left): recording", 0.0, 60.0, "s", 60.0),
         ("point 2 of 27 (about 1 min left): recording", 20.0, 60.0, "s", 40.0),
     ]
+
+
+def test_of_what_ended_sooner_only_what_was_done_is_kept() -> None:
+    screen, paces, clock, _ = timed(75.0)
+    with screen.bar("simulating", 80, "rigs", WORK, longest_s=50.0) as bar:
+        clock.now_s = 10.0
+        bar(20)
+    assert paces.kept == [(Work(WORK.kind, WORK.units / 4), 10.0)]
