@@ -63,7 +63,7 @@ _KEPT_SAMPLES = 64_000_000
 
 _REACH, _HOLES = 1 << 20, 16
 """Samples up to which a trace may begin, and how many may be missing for each that is there."""
-_NOISY, _STRUCK = 3.0, 8.0
+_NOISY, _STRUCK = 3.0, 20.0
 """Times the noise of a healthy rig's sensor: what shows more, or ever reaches so much, moves."""
 
 

@@ -211,6 +211,16 @@ def test_what_the_twin_says_nothing_of_is_not_compared(run: RunRecord) -> None:
     assert "100.0 %" not in str(summary.parts(quiet))
 
 
+@pytest.mark.parametrize(("times", "still"), [(5.0, True), (300.0, False)])
+def test_what_is_struck_a_few_times_shows_more_than_noise(run: RunRecord, times: float, still: bool) -> None:
+    """A guide's sensor, say, that two blows in ten seconds leave with the rms of its noise."""
+    key = "base.acceleration"
+    stands = replace(run.tallies["predicted", key], square_sum=0.0, largest=0.0)
+    struck = replace(run.tallies["measured", key], largest=times * run.noise(key))
+    seen = replace(run, tallies={**run.tallies, ("predicted", key): stands, ("measured", key): struck})
+    assert (key in seen.still) == still
+
+
 def test_what_moves_though_the_twin_says_it_stands_is_the_largest_difference(run: RunRecord) -> None:
     key = "base.acceleration"
     stands = replace(run.tallies["predicted", key], square_sum=0.0, largest=0.0)
