@@ -35,6 +35,14 @@ def recorded(log: Path, screen: Screen) -> RunRecord:
         return read_run(log)
 
 
+def read_and_judged(log: Path, screen: Screen) -> RunRecord:
+    """What a log tells, with the verdict on it."""
+    read = recorded(log, screen)
+    from rig.diagnosis.health import judged  # with the rest of scipy
+
+    return judged(read, screen)
+
+
 def overlay(
     run: RunFile,
     out: Annotated[
@@ -43,7 +51,6 @@ def overlay(
     effects: EffectsFile = None,
     model: Model = None,
 ) -> None:
-    from rig.diagnosis.health import judged
     from rig.report.sections.summary import farther_off
     from rig.report.summary import closeness, overall
     from rig.session.overlay import overlay_run
@@ -51,7 +58,7 @@ def overlay(
     screen = Screen(Terminal())
     target = out or run.with_suffix(".overlay.mcap")
     overlay_run(run, target, effects, model, screen.warn, screen=screen)
-    overlaid = judged(recorded(target, screen), screen)
+    overlaid = read_and_judged(target, screen)
     show(overlaid, screen)
     if effects is not None and (channels := closeness(overlaid)):
         close = overall(channels)

@@ -101,12 +101,9 @@ def run(
             log = run_scenario(replace(request, view=view), screen, clock)
 
         # The rig stands: what its report takes, most of scipy, is loaded only now.
-        from rig.commands.logs import recorded, report_and_name, show
+        from rig.commands.logs import read_and_judged, report_and_name, show
 
-        read = recorded(log, screen)
-        from rig.diagnosis.health import judged
-
-        found = judged(read, screen)
+        found = read_and_judged(log, screen)
         show(found, screen)
         report = report_and_name(found, screen)
         if as_json:

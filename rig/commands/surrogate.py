@@ -98,14 +98,13 @@ def predict(
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Default: RUN.surrogate.mcap")
     ] = None,
 ) -> None:
-    from rig.commands.logs import recorded, report_and_name
-    from rig.diagnosis.health import judged
+    from rig.commands.logs import read_and_judged, report_and_name
     from rig.session.overlay import overlay_run
 
     screen = Screen(Terminal())
     target = out or run.with_suffix(".surrogate.mcap")
     overlay_run(run, target, warn=screen.warn, surrogate=model, screen=screen)
-    report_and_name(judged(recorded(target, screen), screen), screen)
+    report_and_name(read_and_judged(target, screen), screen)
 
 
 @surrogate.command(

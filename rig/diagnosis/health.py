@@ -88,7 +88,7 @@ def _told(run: AloneRun, places: list[Place], rigs: int, next_step: str, always:
     whole, *channels = places
     beyond = [place for place in channels if place.beyond]
     known = (
-        f"Gap {whole.gap:.2f}: most healthy rigs have about 1, none more than {whole.farthest:.2f}, "
+        f"Gap {whole.gap:.2f}: healthy rigs have about 1, rarely more than {whole.farthest:.2f}, "
         f"by {rigs} that were simulated."
     )
     remarks, further = [f"Mind: {remark}." for remark in run.remarks], [next_step] if always else []

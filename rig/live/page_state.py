@@ -7,6 +7,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
+from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
@@ -276,7 +277,7 @@ class PageState:
             "cycles": self._banded,
             "worst": self._worst(),
             "figures": self._figures(),
-            "events": [told for _, *told in sorted(self._events)],
+            "events": [told for _, *told in sorted(self._events, key=itemgetter(0))],
             "dropped": self._dropped,
             "outcome": None if self._outcome is None else _told(self._outcome),
             "swept": None if self._swept is None else self._swept._asdict(),

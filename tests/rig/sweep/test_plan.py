@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -94,6 +96,12 @@ def test_time_and_disk_follow_from_the_points() -> None:
     # 5 channels at 51.2 kHz, measured and predicted, 4 bytes and a twentieth
     wanted = [point.scenario.acquisition for point in swept.points]
     assert bytes_of(wanted, embedded_bench()) == pytest.approx(4 * 51_200 * 5 * 2 * 4.2, rel=0.05)
+    # a microphone that nobody predicts is written once
+    heard = SimpleNamespace(
+        channels=[*embedded_bench().daq_card.channels, SimpleNamespace(name="room.noise")]
+    )
+    bench: Any = SimpleNamespace(daq_card=heard)
+    assert bytes_of(wanted, bench) == pytest.approx(4 * 51_200 * (5 * 2 + 1) * 4.2, rel=0.05)
 
 
 def test_all_faults_of_all_points_at_once() -> None:
