@@ -114,7 +114,8 @@ def record(path: Path, seconds: float, rng: np.random.Generator, closed: bool = 
         if closed:
             log.close()
         else:
-            log._file.close()  # the power failed
+            for each in (log._file, log._indexes):  # the power failed
+                each.close()
     with path.open("rb") as file:
         ends = (
             file.tell() for each in StreamReader(file, emit_chunks=True).records if isinstance(each, Chunk)

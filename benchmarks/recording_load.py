@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -77,16 +77,18 @@ _BUSY_S, _IDLE_S = 2.0, 18.0
 _RATES_HZ = {"encoder": 1000.0, "inverter": 20.0}
 _COMPARED_S = 120.0
 """Records up to this are compared with what the emulators kept of what they sent: a MB a second."""
+VIEWER = "viewer's server"
+"""Not ours: it keeps what it shows, up to the memory that it is given."""
 _NOT_STEADY = 1 / 3
 """Of the record, at its begin, in which memory is still taken into use."""
 
 
 @dataclass(slots=True)
 class Watched:
-    """CPU (share of a core) of each process in each stretch of 2 s; RSS (MiB) of the acquisition process."""
+    """CPU (share of a core) and RSS (MiB) of each process in each stretch of 2 s."""
 
     cpu: dict[str, list[float]] = field(default_factory=dict)
-    rss: list[float] = field(default_factory=list)
+    rss: dict[str, list[float]] = field(default_factory=dict)
 
 
 def main() -> int:
@@ -184,7 +186,7 @@ def _watch(command: list[str], seconds: float) -> Watched:
     process = psutil.Process(run.pid)
     processes = [process, *process.children(recursive=True)]
     names = {each.pid: _name(each, run.pid) for each in processes}
-    watched = Watched({name: [] for name in names.values()})
+    watched = Watched({name: [] for name in names.values()}, {name: [] for name in names.values()})
     end = time.monotonic() + seconds
     before, at = [_seconds(each) for each in processes], time.monotonic()
     while at < end and run.poll() is None:
@@ -192,7 +194,8 @@ def _watch(command: list[str], seconds: float) -> Watched:
         now, elapsed = [_seconds(each) for each in processes], time.monotonic() - at
         for each, used, earlier in zip(processes, now, before, strict=True):
             watched.cpu[names[each.pid]].append(max(used - earlier, 0.0) / elapsed)
-        watched.rss.append(process.memory_info().rss / MIB)
+            with suppress(psutil.NoSuchProcess):
+                watched.rss[names[each.pid]].append(each.memory_info().rss / MIB)
         before, at = now, at + elapsed
     print(run.stdout.read(), end="")
     run.wait()
@@ -206,7 +209,7 @@ def _name(process: psutil.Process, acquisition: int) -> str:
         line = " ".join(process.cmdline())
     except psutil.Error:
         return f"gone {process.pid}"
-    known = {"rerun": "viewer's server", "resource_tracker": "resource tracker"}
+    known = {"rerun": VIEWER, "resource_tracker": "resource tracker"}
     named = Path(f"/proc/{process.pid}/comm").read_text().strip()
     return f"{next((name for part, name in known.items() if part in line), named)} {process.pid}"
 
@@ -234,9 +237,8 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     derived = sum(topic.samples for topic in report.topics if topic.topic.startswith("/derived/"))
     means = {name: statistics.mean(shares) for name, shares in watched.cpu.items() if shares}
     busiest = max(means, key=lambda name: means[name])
-    steady = np.array(watched.rss[round(len(watched.rss) * _NOT_STEADY) :])
-    hours = np.arange(len(steady)) * EVERY_S / 3600.0
-    slope = float(np.polyfit(hours, steady * (MIB / 1e6), 1)[0]) if len(steady) > 1 else math.nan
+    most_mib = {name: max(rss) for name, rss in watched.rss.items() if rss}
+    slopes = {name: _slope(watched.rss[name]) for name in most_mib if not name.startswith(VIEWER)}
     worst = max(watched.cpu["acquisition"])
     print(f"\nlog                       {logs[0].stat().st_size / MIB:.0f} MiB, sound: {report.sound}")
     print(f"channels                  {measured} of the card; {len(counted)} measured and predicted in all")
@@ -246,18 +248,26 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"as the emulators sent it  {compared}")
     print(f"view                      {told.get('view.dropped', 'none')}")
     print(f"derived                   {told.get('derived.stopped', 'all of it')}")
+    long = seconds >= _SLOPE_S
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
-        print(f"{name:<25} {share:.2f} of a core")
+        slope = f", in the last two thirds {slopes[name]:+.2f} MB/h" if long and name in slopes else ""
+        print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB{slope}")
     print(f"acquisition, worst 2 s    {worst:.2f} of a core")
-    grown = f"in the last two thirds {slope:+.2f} MB/h" if seconds >= _SLOPE_S else "too short for a slope"
-    print(f"acquisition, RSS          {max(watched.rss):.0f} MiB; {grown}")
     print(f"busiest process           {busiest}, {means[busiest]:.2f} of a core")
     print(f"all processes             {sum(means.values()):.2f} cores")
     print(f"load after the run        {os.getloadavg()[0]:.2f}")
     kept = report.sound and not unaccounted and not missing and not wrong and measured == channels
+    kept = kept and "derived.stopped" not in told
     within = means["acquisition"] < MOST_CPU.get(channels, 1.0)
-    level = seconds < _AN_HOUR_S or slope < MOST_MB_AN_HOUR
-    return 0 if kept and within and level and max(watched.rss) < MOST_MIB.get(channels, 1500) else 1
+    level = seconds < _AN_HOUR_S or max(slopes.values()) < MOST_MB_AN_HOUR
+    return 0 if kept and within and level and most_mib["acquisition"] < MOST_MIB.get(channels, 1500) else 1
+
+
+def _slope(rss_mib: list[float]) -> float:
+    """MB an hour that a process has grown by in the last two thirds."""
+    steady = np.array(rss_mib[round(len(rss_mib) * _NOT_STEADY) :]) * (MIB / 1e6)
+    hours = np.arange(len(steady)) * EVERY_S / 3600.0
+    return float(np.polyfit(hours, steady, 1)[0]) if len(steady) > 1 else math.nan
 
 
 def _beside(topic: str) -> float:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from types import TracebackType
 from typing import IO
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel as ChannelRecord
+from mcap.records import ChunkIndex
 from mcap.records import Schema as SchemaRecord
 from mcap.writer import CompressionType, Writer
 
@@ -70,6 +72,8 @@ class LogWriter:
         )
         self._open = True
         try:
+            self._indexes = _Indexes(self.path.parent)
+            self._writer._Writer__chunk_indices = self._indexes  # type: ignore[attr-defined]
             self._guard(lambda: self._writer.start(profile="", library=self._library))
             self._seal()
         except RecorderFailed:
@@ -193,8 +197,9 @@ class LogWriter:
         except OSError as error:
             raise RecorderFailed(f"{self.path}: {error}") from error
         finally:
-            with suppress(OSError):  # what a failed write left in its buffer fails once more, and is told
-                self._file.close()
+            for each in (self._indexes, self._file):
+                with suppress(OSError):  # what a failed write left in a buffer fails once more, and is told
+                    each.close()
 
     def _close_tails(self) -> None:
         for (origin, channel), (end, time_ns, cause) in self._due.items():
@@ -292,6 +297,32 @@ class LogWriter:
         except OSError as error:
             self._failed = error
             raise RecorderFailed(f"{self.path}: {error}; the log is readable up to here") from error
+
+
+class _Indexes:
+    """The package's list of chunk indexes, on the disk: with 64 channels an hour of them is 40 MB."""
+
+    def __init__(self, folder: Path) -> None:
+        try:
+            self._file = TemporaryFile(dir=folder)  # noqa: SIM115 - as long as the log
+        except OSError as error:
+            raise RecorderFailed(f"cannot write in {folder}: {error}") from error
+
+    def append(self, index: ChunkIndex) -> None:
+        record = RecordBuilder()
+        index.write(record)
+        self._file.write(record.end())
+
+    def __iter__(self) -> Iterator[_Indexes]:
+        """All at once."""
+        yield self
+
+    def write(self, summary: RecordBuilder) -> None:
+        self._file.seek(0)
+        summary.write(self._file.read())
+
+    def close(self) -> None:
+        self._file.close()
 
 
 def sync_folder(folder: Path) -> None:

@@ -140,7 +140,8 @@ def main() -> None:
             for fault in UNUSED:
                 print(f"! {fault}", file=sys.stderr)
     except tuple(kind for kind, _ in _CODES) as error:
-        print(harmless(f"rattle: {error or 'interrupted'}"), file=sys.stderr)
+        words = "; ".join([str(error) or "interrupted", *getattr(error, "__notes__", ())])
+        print(harmless(f"rattle: {words}"), file=sys.stderr)
         code = next(code for kind, code in _CODES if isinstance(error, kind))
     except typer.TyperException as error:
         if words := error.format_message():  # none where the help has been shown

@@ -75,6 +75,12 @@ class _Stretch(NamedTuple):
     def end_sample(self) -> int:
         return self.first_sample + len(self.values)
 
+    def since(self, sample: int) -> _Stretch:
+        """What of it comes from a sample on; nothing before that is kept."""
+        if sample <= self.first_sample:
+            return self
+        return _Stretch(sample, self.values[sample - self.first_sample :].copy(), self.good)
+
 
 class CycleFigures:
     """Figures of the cycles of one channel; sample 0 of the series is the first whole cycle of the record.
@@ -122,7 +128,7 @@ class CycleFigures:
         ]
         for number, stretch in enumerate(waiting):
             if not self._take(stretch, publish):
-                self._waiting = waiting[number:]
+                self._waiting = [stretch.since(self._next), *waiting[number + 1 :]]
                 return
 
     def _take(self, stretch: _Stretch, publish: Consumer) -> bool:

@@ -42,7 +42,8 @@ class Acquisition:
 
     The card's sample clock is the time base, `base`. Whoever waits for progress waits on `changed`, a
     condition that every block notifies. The first error of its thread ends it and stands in `error`.
-    A reading goes to the limits first, then to the record, which is handed to `stream`, then to `readers`.
+    A reading goes to the limits first, then to `guard`, then to the record, which is handed to `stream`, then
+    to `readers`.
     `warn` hears of the first warning of each channel, and must not wait; the events tell of all.
     """
 
@@ -54,10 +55,17 @@ class Acquisition:
         limits: LimitWatch,
         readers: Iterable[Reader] = (),
         warn: Callable[[str], None] = lambda _: None,
+        guard: Reader = lambda _: None,
     ) -> None:
         self._card, self._clock, self._stream, self._limits = card, clock, stream, limits
         self._warn, self._warned = warn, set[str]()
-        self._readers: tuple[Reader, ...] = (self._watch_limits, self._note_flags, self._record, *readers)
+        self._readers: tuple[Reader, ...] = (
+            self._watch_limits,
+            guard,
+            self._note_flags,
+            self._record,
+            *readers,
+        )
         self.name, self._names = card.name, [channel.name for channel in card.channels]
         self._count = max(1, round(BLOCK_S * card.sample_rate))
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
@@ -99,7 +107,7 @@ class Acquisition:
         if self.error is not None:
             raise self.error
         if self.tripped is not None:
-            raise InterlockTripped(f"interlock: {self.tripped}; the drive is off")
+            raise InterlockTripped(f"interlock: {self.tripped}")
 
     @property
     def hangs(self) -> bool:
@@ -122,12 +130,12 @@ class Acquisition:
         begin, until = self.record_from, self.record_until
         if begin is None or until is None:
             return False
-        return reading.first_sample < until and _end_of(reading) > begin
+        return reading.first_sample < until and end_of(reading) > begin
 
     def end_record(self, reading: CardReading) -> None:
         with self.changed:
             if self.record_until is not None and self.records(reading):
-                self.record_until = min(self.record_until, _end_of(reading))
+                self.record_until = min(self.record_until, end_of(reading))
 
     def _run(self) -> None:
         try:
@@ -135,7 +143,7 @@ class Acquisition:
                 self._due_s = self._clock.monotonic_s() + _READS_S
                 reading = self._card.read(self._count)
                 self._due_s = self._clock.monotonic_s() + _TAKES_S
-                self.base.arrived(_end_of(reading), reading.arrived_s)
+                self.base.arrived(end_of(reading), reading.arrived_s)
                 for take in self._readers:  # limits first, for whoever comes after may be slow
                     take(reading)
                 with self.changed:
@@ -176,7 +184,7 @@ class Acquisition:
 
     def _record(self, reading: CardReading) -> None:
         with self.changed:  # a record that starts now starts after this reading or with it, never within
-            self.acquired = _end_of(reading)
+            self.acquired = end_of(reading)
             begin, until = self.record_from, self.record_until
         if begin is None or until is None:
             return
@@ -199,6 +207,6 @@ class Acquisition:
         self._stream(Event(self._clock.unix_ns(), level, "acquisition", code, text))
 
 
-def _end_of(reading: CardReading) -> int:
+def end_of(reading: CardReading) -> int:
     """The card's index of the sample after its last one."""
     return reading.first_sample + len(reading.values[0])

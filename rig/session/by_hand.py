@@ -15,7 +15,7 @@ from daq.time_base.clocks import CardClock
 from drivers.manual.actuator import ManualActuator
 from drivers.protocols.instrument import Notice
 from rig.session.interlock import HUNG_S, Debounced, ForceWatch
-from rig.session.shaft_speed import RPM_PER_RAD_S
+from rig.session.shaft_speed import RPM_PER_RAD_S, STANDS_RPM
 from rig.twin.alignment import FREQUENCY_TOLERANCE
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.model import SineDrive
@@ -27,7 +27,9 @@ REST_S = 30.0
 _STEP_S, _TELL_S, _STANDS_S = 0.02, 2.0, 1.0
 _SPEED_SHARE, _FORCE_SHARE, _FREQUENCY_SHARE = 0.02, 0.05, 0.8 * FREQUENCY_TOLERANCE
 """Of what was asked: what counts as set; the frequency within what the twin can follow."""
-_STANDS_RPM, _FAINT = 2.0, 0.02
+_FAINT = 0.02
+_FELL, _NEXT_TURN_S = 0.5, 3.0
+"""Of the speed asked for, what a shaft is seen below on its way to rest; how long a turn is awaited."""
 _TOO_MUCH, _TOO_MUCH_S = 1.1, 0.3
 """Of what the bench allows, and for how long, before the run ends."""
 
@@ -54,17 +56,18 @@ class Seen(Protocol):
     def beyond(self) -> bool:
         """Whether it is more than the bench allows."""
 
-    @property
-    def rests(self) -> bool:
-        """Whether nothing is seen of it."""
+    def rests(self, asked: Any, at_s: float) -> bool:
+        """Whether it is seen at rest by then, where that drive was asked for last; None: none yet."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ShaftSeen:
     """A shaft, by the instruments on it; the bench allows `highest_rpm`."""
 
     measured_rpm: Callable[[], float]
     highest_rpm: float
+    _last_rpm: float = math.inf
+    _unseen_since_s: float | None = None
 
     def words(self, drive: SpeedDrive) -> str:
         return f"turn the crank up to {drive.speed * RPM_PER_RAD_S:g} rpm and hold it there"
@@ -86,9 +89,22 @@ class ShaftSeen:
     def beyond(self) -> bool:
         return abs(self.measured_rpm()) > _TOO_MUCH * self.highest_rpm
 
-    @property
-    def rests(self) -> bool:
-        return not abs(self.measured_rpm()) > _STANDS_RPM
+    def rests(self, asked: SpeedDrive | None, at_s: float) -> bool:
+        """A marker shows a speed no more once its shaft is slow; one whose cable is off shows none either.
+
+        So no speed is rest only after it was seen to fall, and a turn of that later.
+        """
+        rpm = abs(self.measured_rpm())
+        if not math.isnan(rpm):
+            self._last_rpm, self._unseen_since_s = rpm, None
+            return rpm <= STANDS_RPM
+        if asked is None:
+            return True
+        if self._unseen_since_s is None:
+            self._unseen_since_s = at_s
+        fell = self._last_rpm <= _FELL * asked.speed * RPM_PER_RAD_S
+        waited_s = at_s - self._unseen_since_s
+        return fell and waited_s >= min(60.0 / max(self._last_rpm, STANDS_RPM), _NEXT_TURN_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +137,8 @@ class SineSeen:
     def beyond(self) -> bool:
         return False  # the guard holds the measured force to the bench with every reading
 
-    @property
-    def rests(self) -> bool:
-        return self.force.amplitude <= _FAINT * self.force.highest
+    def rests(self, asked: SineDrive | None, at_s: float) -> bool:
+        return self.force.strength <= _FAINT * self.force.highest
 
 
 class ByHand:
@@ -147,6 +162,7 @@ class ByHand:
         self._too_much = Debounced(_TOO_MUCH_S)
         self._asked_to_rest = threading.Lock()  # held from then on: once is enough
         self._rests = False
+        self._asked: Any = None
         self._notices: list[Notice] = []
 
     @property
@@ -196,7 +212,8 @@ class ByHand:
                 shown = self._seen.told() if self.alive() else "nothing is measured any more"
                 raise self._refused(f"it is not seen at rest ({shown})", "the rig itself: STOP IT BY HAND")
             self._clock.sleep(_STEP_S)
-            stood_s = stood_s + _STEP_S if self.alive() and self._seen.rests else 0.0
+            rests = self.alive() and self._seen.rests(self._asked, self._clock.monotonic_s())
+            stood_s = stood_s + _STEP_S if rests else 0.0
         self._rests = True  # seen once is enough too: what measures it may be gone by the next look
 
     def cut(self) -> None:
@@ -224,7 +241,7 @@ class ByHand:
         return self.seen
 
     def _await(self, drive: Any) -> None:
-        seen = self._seen
+        seen, self._asked = self._seen, drive
         words = f"BY HAND: {seen.words(drive)}"
         self._note("manual.asked", seen.words(drive))
         self._person.ask(f"{words}; the run then goes on by itself", "set", *seen.order(drive))

@@ -97,41 +97,70 @@ def drive_off_after(
     spare: Callable[[], Actuator] | None,
     screen: Screen,
     successor: Successor | None = None,
+    moved: str = "",
+    not_off: Callable[[str], None] = lambda _: None,
 ) -> Iterator[None]:
     """Switch the drive off on every way out, by a new connection where the old one fails, which is closed.
 
-    If even that fails, a `successor` takes over, which is said without hiding why the run ended. Where
-    nothing else ended it, the drive's failure to go off is raised, whether the new connection helped or not.
+    If even that fails, a `successor` takes over, which is said without hiding why the run ended, and
+    `not_off` hears of it. Where nothing else ended it, the drive's failure to go off is raised, whether the
+    new connection helped or not. What is raised has a note of how the drive is left where something `moved`:
+    what that was, in words.
     """
 
-    def switched_off() -> None:
-        try:
-            drive.off()
-        except Exception as error:
-            told, taker = [f"{error}"], None
-            if spare is None:
-                told.append("THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear")
-            else:
-                obeyed = switch_off(spare)
-                drive.close()
-                if not obeyed:
-                    told.append("THE DRIVE MAY STILL BE ON: switch it off by hand")
-                    if (taker := successor) is not None:
-                        taker.take_over()
-            with suppress(OSError):  # words after deeds: the terminal may be gone
-                for each in told:
-                    screen.warn(each)
-                if taker is not None and (words := taker.go_on()):
-                    screen.warn(words)
-            raise  # the caller must not take it for off
-
+    off = _Off(drive, spare, screen, successor, moved or "the drive", not_off)
     try:
         yield
-    except BaseException:
-        with suppress(Exception):  # told already, and no reason why the run ended
-            switched_off()
+    except BaseException as ending:
+        try:
+            left = off()
+        except Exception as error:  # told already, and no reason why the run ended
+            left = error.__notes__[-1]
+        if moved:
+            ending.add_note(left)
         raise
-    switched_off()
+    off()
+
+
+@dataclass(frozen=True, slots=True)
+class _Off:
+    """Switches a drive off, see `drive_off_after`."""
+
+    drive: SwitchedOff
+    spare: Callable[[], Actuator] | None
+    screen: Screen
+    successor: Successor | None
+    moved: str
+    not_off: Callable[[str], None]
+
+    def __call__(self) -> str:
+        """How it is left, in words; raises what failed, with a note of that."""
+        try:
+            self.drive.off()
+        except Exception as error:
+            taker = None
+            may_be_on = self._tried_anew()
+            if may_be_on and self.spare is not None and (taker := self.successor) is not None:
+                taker.take_over()
+            if may_be_on:
+                with suppress(Exception):  # of a log
+                    self.not_off(f"{error}; {may_be_on}")
+            with suppress(OSError):  # words after deeds: the terminal may be gone
+                for each in filter(None, (f"{error}", may_be_on)):
+                    self.screen.warn(each)
+                if taker is not None and (words := taker.go_on()):
+                    self.screen.warn(words)
+            error.add_note(may_be_on or f"{self.moved} is off, by a new connection")
+            raise  # the caller must not take it for off
+        return f"{self.moved} is off"
+
+    def _tried_anew(self) -> str:
+        """What may still be on after a new connection, in words."""
+        if self.spare is None:
+            return "THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear"
+        obeyed = switch_off(self.spare)
+        self.drive.close()
+        return "" if obeyed else "THE DRIVE MAY STILL BE ON: switch it off by hand"
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +175,7 @@ class Shaker:
     drive: SineDrive
     force_per_volt: float
     wait: Callable[[float], None]
-    prove: Callable[[float], None] = lambda newtons: None
+    prove: Callable[[SineDrive], None] = lambda ordered: None
     longest_stop_s: float = 0.0
     """Of `off`, which is one command; `ramp_down` waits by `wait`."""
 
@@ -179,7 +208,7 @@ class Shaker:
             drives = (*path, self.drive)
             tenth = replace(drives[0], amplitude=drives[0].amplitude / 8, offset=drives[0].offset / 8)
             self._go(replace(drives[0], amplitude=0.0, offset=0.0), tenth, 2)
-            self.prove(max(tenth.amplitude, _SMALLEST_V * self.force_per_volt))
+            self.prove(replace(tenth, amplitude=max(tenth.amplitude, _SMALLEST_V * self.force_per_volt)))
             self._go(tenth, drives[0], _RAMP_STEPS - 2)
             for before, after in pairwise(drives):
                 self._go(before, after)

@@ -14,7 +14,14 @@ from typing import Any
 
 from daq.block import Flag
 from daq.clock import Clock
-from daq.errors import EmergencyStop, InstrumentError, InterlockTripped, RattleError, RecorderFailed
+from daq.errors import (
+    EmergencyStop,
+    InstrumentError,
+    InterlockTripped,
+    RattleError,
+    RecorderFailed,
+    show_fault,
+)
 from daq.log.records import STOPPING, Event
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
@@ -27,7 +34,7 @@ from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
 from rig.instruments import actuator_of
 from rig.rigs import RIGS
-from rig.session.acquisition import Acquisition, Reader
+from rig.session.acquisition import JOIN_S, Acquisition, Reader
 from rig.session.by_hand import ByHand, SineSeen
 from rig.session.devices import Devices, Standing
 from rig.session.drive import Motion, Shaker, drive_off_after
@@ -43,6 +50,7 @@ from rig.session.spoilt_disk import disk_of
 from rig.session.supervisor import Latching, Supervisor
 from rig.stream import Stream
 from rig.twin.alignment import force_shown
+from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.twin import AnyTwin
 
 _BLOCK_S = 0.1  # as often as the card's readings come
@@ -145,6 +153,7 @@ class DrivenRig:
         self.motion: Motion = devices.motion(self.watch.wait, self.shaft.rpm)
         watched = devices.spare, devices.locks, bench.actuator.emulated, devices.line, devices.latch
         off_s, by_hand = self.motion.longest_stop_s, actuator.by_hand
+        self._hangs_up = standing is None
         self._supervisor = (
             Supervisor(*watched, off_s, by_hand=by_hand)
             if standing is None
@@ -189,15 +198,20 @@ class DrivenRig:
         self.stream.insert(0, logged_by(self.recorder))
         return log
 
-    def hold_force(self, channel: str, frequency_hz: float, twin: AnyTwin) -> None:
+    def hold_force(
+        self, channel: str, frequency_hz: float, twin: AnyTwin, path: Sequence[SineDrive] = ()
+    ) -> None:
         """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order.
 
-        Of either it shows what `twin`, of the bench's sensors, says.
+        Of either it shows what `twin`, of the bench's sensors, says. It may come through drives of a `path`.
         """
         if isinstance(self.motion, Shaker | ByHand):
             shown = self.devices.card.channels[self.names.index(channel)]
             of = force_shown(twin, self._highest)
-            force = self._force = ForceWatch(shown, frequency_hz, self.sample_rate, self._highest, of)
+            slowest_hz = min((each.frequency for each in path), default=math.inf)
+            force = self._force = ForceWatch(
+                shown, frequency_hz, self.sample_rate, self._highest, of, slowest_hz
+            )
             if isinstance(self.motion, ByHand):
                 self.motion.seen = SineSeen(force)
                 return
@@ -205,15 +219,16 @@ class DrivenRig:
             # an emulated source moves nothing that a real card shows
             driven = self._bench.daq_card.emulated or not self._bench.actuator.emulated
 
-            def prove(ordered: float) -> None:
+            def prove(ordered: SineDrive) -> None:
                 """Raise before a soft start goes on where the measured force is not what was ordered."""
                 acquisition = self.acquisition  # by its samples, which come late on a busy machine
                 ordered_s = float(acquisition.base.card_s(acquisition.base.now_s()))
                 due = (ordered_s + _REACHES_RIG_S + force.over_s) * self.sample_rate
                 self.watch.until(acquisition, lambda: acquisition.acquired >= due)
-                if unlike := force.unlike(ordered, driven):
+                sine = ordered.amplitude, ordered.offset, ordered.frequency
+                if unlike := force.unlike(*sine, driven):
                     self.logbook.tell("error", "drive.abort", unlike)
-                    raise InterlockTripped(f"interlock: {unlike}; the drive is off")
+                    raise InterlockTripped(f"interlock: {unlike}")
 
             self.motion = replace(self.motion, prove=prove)
 
@@ -236,8 +251,10 @@ class DrivenRig:
 
         self.levels = Levels(self.names, bounds_of(self._bench.daq_card.ranges, limits))
         card, watched = self.devices.card, LimitWatch(limits, self.sample_rate)
-        consumers = (end_with_enough, self._look, self.levels.take, *readers)
-        self.acquisition = Acquisition(card, self.clock, self.stream, watched, consumers, self.screen.warn)
+        consumers = (end_with_enough, self.levels.take, *readers)
+        self.acquisition = Acquisition(
+            card, self.clock, self.stream, watched, consumers, self.screen.warn, self._look
+        )
         if self.devices.encoder is not None:
             self.encoder = self.shaft.recording(
                 self.devices.encoder, self.acquisition, self.stream, fastest_rad_s
@@ -310,13 +327,20 @@ class DrivenRig:
             running.callback(ask)
             running.callback(self.heed_emergency_stop)  # one on the way down counts whatever ended it
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
-            running.enter_context(drive_off_after(self, self.devices.spare, self.screen, self._supervisor))
+            moved = "the motor" if self.motion.speed_rad_s is not None else "the drive"
+            running.enter_context(
+                drive_off_after(
+                    self, self.devices.spare, self.screen, self._supervisor, moved, self._tell_of_failed_off
+                )
+            )
             try:
                 yield
             except InstrumentError:
                 if self._stops:  # an order that the guard's stop overtook does not say why it ended
                     self.watch.check()
                 raise
+        if self._hangs_up:  # what has come to rest may be switched off by anybody from now on
+            self.close()
 
     def start(self, soft: bool, path: Sequence[Any] = ()) -> None:
         """Let it move, unless something speaks against it by now; returns once it is as wanted."""
@@ -354,6 +378,9 @@ class DrivenRig:
         """What was seen of its line, for good."""
         return self._supervisor.emergency_stop or self.devices.emergency_stop()
 
+    def _tell_of_failed_off(self, text: str) -> None:
+        self.logbook.tell("error", "drive.not_off", text)
+
     def _tell_of_latch(self) -> None:
         self._latching.give(self.emergency_stop)  # where it was seen after the guard had ended
         if wrong := self._latching.end():
@@ -385,22 +412,36 @@ class DrivenRig:
 
     def off(self) -> None:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
-        try:
+        faults = list[Exception]()
+        telling = threading.Thread(
+            target=self._tell_of_stop, args=(sys.exc_info()[1], faults), name="stopping", daemon=True
+        )
+        try:  # nothing that goes wrong with a log, and no one who waits, may keep the drive on
             if not self._rests:
-                cause = sys.exc_info()[1]
-                stopped_ns = self._stopped_ns or self._stopping_ns(cause)
-                if (seen := self.emergency_stop) is not None:
-                    cause = seen
-                    with suppress(RecorderFailed):
-                        self.stream(Event(stopped_ns, "error", "rig", seen.code, str(seen)))
-                text = f"stopping before its time{f' ({cause})' if cause else ''}"
-                if self.on_stopping is not None:
-                    self.on_stopping()
-                    text += ": what is recorded from here on has no prediction"
-                with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
-                    self.stream(Event(stopped_ns, "warning", "rig", STOPPING, text))
-        finally:  # nothing that goes wrong with a log may keep the drive on
+                with suppress(RuntimeError):  # a machine that starts none more
+                    telling.start()
             self._bring_to_rest(self.motion.cut if self._at_once else self.motion.off)
+        finally:
+            if telling.ident is not None:
+                telling.join(JOIN_S)
+        if faults:
+            raise faults[0]
+
+    def _tell_of_stop(self, cause: BaseException | None, faults: list[Exception]) -> None:
+        """Beside the stop: why it stops before its time."""
+        try:
+            stopped_ns, seen = self._stopped_ns or self._stopping_ns(cause), self.emergency_stop
+            text = f"stopping before its time{f' ({seen or cause})' if seen or cause else ''}"
+            if self.on_stopping is not None:
+                self.on_stopping()
+                text += ": what is recorded from here on has no prediction"
+            if seen is not None:
+                self.stream(Event(stopped_ns, "error", "rig", seen.code, str(seen)))
+            self.stream(Event(stopped_ns, "warning", "rig", STOPPING, text))
+        except RecorderFailed:  # a log that takes nothing more may be why it stops
+            pass
+        except Exception as error:  # top of a thread: whoever switches off raises it
+            faults.append(error)
 
     def close(self) -> None:
         """Hang up to what moves it, which nothing is sent to any more."""
@@ -417,11 +458,14 @@ class DrivenRig:
     def _bring_to_rest(self, stop: Callable[[], None]) -> None:
         self.shaft.disarm()  # a ramp is no shaft that leaves its speed
         decided = self._deciding.acquire(timeout=_ASK_S)  # a guard that hangs may have it
-        self._met, self._stops = self._dangers(), True
-        if decided:
-            self._deciding.release()
-        self.watch.excuse(self.motion.longest_stop_s)
-        stop()
+        try:
+            self._stops = True
+            self._met = self._dangers()
+        finally:
+            if decided:
+                self._deciding.release()
+            self.watch.excuse(self.motion.longest_stop_s)
+            stop()
 
     def _stopping_ns(self, cause: BaseException | None = None) -> int:
         """When the emergency stop was seen; else until when what stops it was seen to be right, or now."""
@@ -451,19 +495,20 @@ class DrivenRig:
                 return f"the {name} was lost"
             return "no answer in time" if self._rests else STOPPED
 
-        with suppress(RecorderFailed):  # a log that takes nothing more may be why it stops
-            for name in self.names:
-                lost = acquisition.error is not None
-                recorder.due("measured", name, due, why(acquisition.name, lost))
-            for name in (*self.names, ENCODER_CHANNEL):  # which may be predicted at the card's samples
-                recorder.due("predicted", name, came, "not predicted")
-            if (encoder := self.encoder) is not None:
-                because = why("encoder", encoder.error is not None)
-                recorder.due("measured", ENCODER_CHANNEL, encoder.due(asked_s), because)
-            for logger, record in zip(self.devices.loggers.values(), self.loggers, strict=True):
-                for channel in logger.channels:
-                    because = why(logger.name, record.lost)
-                    recorder.due("measured", channel.name, record.due(asked_s), because)
+        def tell(origin: str, name: str, count: int, because: str) -> None:
+            with suppress(RecorderFailed):  # each is noted, though a log that failed is why it stops
+                recorder.due(origin, name, count, because)
+
+        for name in self.names:
+            tell("measured", name, due, why(acquisition.name, acquisition.error is not None))
+        for name in (*self.names, ENCODER_CHANNEL):  # which may be predicted at the card's samples
+            tell("predicted", name, came, "not predicted")
+        if (encoder := self.encoder) is not None:
+            because = why("encoder", encoder.error is not None)
+            tell("measured", ENCODER_CHANNEL, encoder.due(asked_s), because)
+        for logger, record in zip(self.devices.loggers.values(), self.loggers, strict=True):
+            for channel in logger.channels:
+                tell("measured", channel.name, record.due(asked_s), why(logger.name, record.lost))
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -482,6 +527,15 @@ class DrivenRig:
             self._guarded_s = math.inf  # nothing moves any more
 
     def _guard(self, ended: threading.Event, stops: list[threading.Thread]) -> None:
+        try:
+            self._watch_over(ended, stops)
+        except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
+            with suppress(Exception):  # whatever does not, the supervisor hears no more of this run
+                self.motion.cut()
+            self._hung = self._hung or f"the guard failed: {type(error).__name__}: {error}"
+            show_fault(error)
+
+    def _watch_over(self, ended: threading.Event, stops: list[threading.Thread]) -> None:
         while not ended.is_set():
             self.acquisition.alarm.wait(LOOK_S)
             self.acquisition.alarm.clear()

@@ -150,7 +150,7 @@ class EncoderRecord:
             raise self.error
         for emergency in self._encoder.emergencies:
             what = f"emergency {emergency.code:04X}h of the {self._encoder.name} ({emergency.text})"
-            raise InterlockTripped(f"interlock: {what}; the motor is off")
+            raise InterlockTripped(f"interlock: {what}")
 
     def events(self) -> tuple[Event, ...]:
         """What the encoder and its clock did since the last call."""

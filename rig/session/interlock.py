@@ -94,6 +94,8 @@ class LimitWatch:
 
 _FREQUENCY_BLOCKS = 10  # a second of the card's readings
 _OVER_S = 0.2  # two readings of the card; a whole cycle where that is longer
+_DRIVEN_HZ, _LATELY_S = 500.0, 1.0
+"""Below which a shaker drives, besides five times its own frequency; how long that is looked over at most."""
 _ALL = 0.02
 _BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 """What sensors and amplifiers may differ by; a force below 1 % of what the bench allows endangers nothing."""
@@ -102,13 +104,16 @@ _DEAD = 1 / 3
 
 
 class ForceWatch:
-    """Holds the measured drive, its sine and its mean, to `highest` and to what was ordered, in its unit.
+    """Holds the measured drive to `highest` and to what was ordered, in its unit.
 
-    Of a sine of the coil the channel shows `shown`: less, where a gauge in the stinger measures it.
+    The drive is its sine at `frequency_hz`, its mean, and all else below 500 Hz (or five times that), as a
+    mains hum or another frequency that a person sets. Of a sine of the coil the channel shows `shown`: less,
+    where a gauge in the stinger measures it, which feels the impacts besides.
 
-    It looks over whole cycles, `over_s` long, and a sensor that is blind for as long is as bad as too much:
-    what it clips may be any force. `take` is for the acquisition thread. `amplitude` is the sine's,
-    `frequency_hz` what it is seen to have over the last second, NaN until then.
+    It looks over whole cycles, `over_s` long, also of the `slowest_hz` that it comes through. A sensor that
+    is blind for as long, or for more than a third of the time, is as bad as too much: what it clips may be
+    any force. `take` is for the acquisition thread. `amplitude` is the sine's, `other` that of a sine as
+    strong as all else, `frequency_hz` what the sine is seen to have over the last second, NaN until then.
     """
 
     def __init__(
@@ -118,37 +123,62 @@ class ForceWatch:
         sample_rate: float,
         highest: float,
         shown: Callable[[float], float] = float,
+        slowest_hz: float = math.inf,
     ) -> None:
         self.channel, self.highest, self.shown = channel, highest, shown
         self._nominal_hz, self._rate = frequency_hz, sample_rate
-        self.over_s = max(1, int(_OVER_S * frequency_hz)) / frequency_hz
+        over_s = max(_OVER_S, 1 / slowest_hz)
+        self.over_s = max(1, math.floor(over_s * frequency_hz + 1e-9)) / frequency_hz
         at_s = np.arange(round(self.over_s * sample_rate)) / sample_rate
-        self._sine = 2.0 * np.exp(-2j * np.pi * frequency_hz * at_s) / len(at_s)
+        self._turning = np.exp(2j * np.pi * frequency_hz * at_s)
         self._values = np.zeros(len(at_s))
-        self._force = self.amplitude = 0.0
-        self._blind = 0
+        self._lately = min(len(at_s), round(_LATELY_S * sample_rate))
+        self._lines = int(max(_DRIVEN_HZ, 5 * frequency_hz) * self._lately / sample_rate) + 1
+        self.amplitude = self.other = self._mean = self._blind = 0.0
+        self._beyond = False
         self.frequency_hz = math.nan
         self._phasor = 0j
         self._advances = deque[tuple[float, int]](maxlen=_FREQUENCY_BLOCKS)  # rad too far, samples
 
+    @property
+    def strength(self) -> float:
+        """Of a sine as strong as all that moves."""
+        return math.hypot(self.amplitude, self.other)
+
     def take(self, values: NDArray[np.floating], flags: Flag = Flag.GOOD) -> str:
         """Take the next samples, shape (n,), and what is said of them; what is wrong, newly."""
-        blind, self._blind = self._blind, self._blind + len(values) if flags & BLIND else 0
-        if blind < len(self._values) <= self._blind:
+        numbers = np.isfinite(values)
+        blind, count = self._blind, len(self._values)
+        unseen = bool(flags & BLIND) or not numbers.all()
+        self._blind = min(blind + len(values), count) if unseen else max(blind - len(values) / 2, 0.0)
+        if blind < count <= self._blind:
             what = f"{self.channel.name} is overloaded, open or not finite for {self.over_s:g} s"
             return f"{what}: the force that the bench allows cannot be watched"
-        self._values = np.concatenate((self._values, values))[-len(self._values) :]
-        mean, before = float(self._values.mean()), self._force
-        self._follow(complex(self._sine @ (self._values - mean)), len(values))
-        self._force = self.amplitude + abs(mean)
-        limit = _BEYOND_BENCH * self.shown(self.highest)
-        if not self._force > limit or before > limit:  # told once, as it passes
+        self._values = np.concatenate((self._values, np.where(numbers, values, 0.0)))[-count:]
+        self._mean = float(self._values.mean())
+        moving = self._values - self._mean
+        phasor = complex(moving @ self._turning.conj()) * 2 / count
+        self._follow(phasor, len(values))
+        self.other = self._strength_of((moving - (phasor * self._turning).real)[-self._lately :])
+        return self._beyond_bench()
+
+    def _strength_of(self, values: NDArray[np.floating]) -> float:
+        lines = np.abs(np.fft.rfft(values)[: self._lines]) ** 2
+        return 2 * math.sqrt(float(lines.sum() - lines[0] / 2)) / len(values)
+
+    def _beyond_bench(self) -> str:
+        of_sine, of_all = self.amplitude + abs(self._mean), math.hypot(self.strength, self._mean)
+        of_drive = self.shown(self.highest)
+        before, self._beyond = (
+            self._beyond,
+            (of_sine > _BEYOND_BENCH * of_drive or of_all > _BEYOND_BENCH * max(self.highest, of_drive)),
+        )
+        if before or not self._beyond:  # told once, as it passes
             return ""
         unit = self.channel.unit
-        return (
-            f"{self.channel.name} = {self._force:.4g} {unit}, where the bench allows {self.highest:g} {unit}"
-            f"{self.of_which(self.highest)}"
-        )
+        other = f", {self.other:.3g} of it not at {self._nominal_hz:g} Hz" if self.other > of_sine else ""
+        shows = f"{self.channel.name} = {max(of_sine, of_all):.4g} {unit}{other}"
+        return f"{shows}, where the bench allows {self.highest:g} {unit}{self.of_which(self.highest)}"
 
     def of_which(self, force: float) -> str:
         """How much of a force the channel shows, in words; nothing where it shows all of it."""
@@ -166,22 +196,28 @@ class ForceWatch:
         off_hz = turned * self._rate / (2 * np.pi * samples) if whole and samples else math.nan
         self.frequency_hz = self._nominal_hz + off_hz
 
-    def unlike(self, ordered: float, driven: bool = True) -> str:
+    def unlike(self, ordered: float, offset: float, frequency_hz: float, driven: bool = True) -> str:
         """How the force is not what was ordered, N, by far, and what to look at; empty where it is.
 
-        Where nothing is `driven`, no force is too little.
+        A sensor may show nothing of an `offset`. Where nothing is `driven`, no force is too little.
         """
-        if not math.isfinite(self._force):
+        if self._blind >= len(self._values) / 2:
             return f"{self.channel.name} shows no number"
+        at_s = np.arange(len(self._values)) / self._rate
+        turning = np.exp(2j * np.pi * frequency_hz * at_s)
+        told = np.column_stack([turning.real, turning.imag, np.ones(len(at_s))])
+        (real, imaginary, mean), *_ = np.linalg.lstsq(told, self._values, rcond=None)
+        sine = math.hypot(real, imaginary)
         shown, faint = self.shown(ordered), _FAINT * self.highest
-        if self._force > _BEYOND_ORDER * shown + faint:
+        if sine + abs(mean) > _BEYOND_ORDER * (shown + abs(offset)) + faint:
             check = "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
-        elif driven and self._force < _DEAD * shown - faint:
+        elif driven and sine < _DEAD * shown - faint:
             check = "the sensor and its cable, without which nothing guards the bench; the amplifier"
         else:
             return ""
-        shows = f"{self.channel.name} = {self._force:.3g} {self.channel.unit}"
-        return f"{shows} where {ordered:.3g} is ordered{self.of_which(ordered)}: {check}"
+        shows = f"{self.channel.name} = {sine + abs(mean):.3g} {self.channel.unit}"
+        beside = f" about {offset:.3g}" if offset else ""
+        return f"{shows} where {ordered:.3g}{beside} is ordered{self.of_which(ordered)}: {check}"
 
 
 BACK_S = 0.15
@@ -294,7 +330,7 @@ class SpeedGuard:
 
     def check(self) -> None:
         if self.tripped is not None:
-            raise InterlockTripped(f"interlock: {self.tripped}; the motor is off")
+            raise InterlockTripped(f"interlock: {self.tripped}")
 
     def look(self, shown: SpeedReading, card_s: float) -> list[Event]:
         """Judge what a block that ends at `card_s`, by any even clock, showed; what to tell of it."""

@@ -185,7 +185,7 @@ class Motor:
         if abs(rpm) > _BEYOND_ORDER * ordered_rpm + _FAINT * self._wanted_rpm:
             raise InterlockTripped(
                 f"interlock: the shaft turns at {rpm:.4g} rpm where {ordered_rpm:.4g} rpm is ordered: what a "
-                "volt makes in the bench file, the gearing; the motor is off"
+                "volt makes in the bench file, the gearing"
             )
 
     def _move_to(self, speed_rad_s: float) -> None:
@@ -247,7 +247,7 @@ class Motor:
         if lasted_s is not None:
             raise InterlockTripped(
                 f"interlock: the shaft turns at {rpm:.4g} rpm where the output makes "
-                f"{state.speed_rpm:.4g} rpm, for {lasted_s:.1f} s; the motor is off. "
+                f"{state.speed_rpm:.4g} rpm, for {lasted_s:.1f} s. "
                 "Check the gearing (speed per Hz or per V in the bench file), pulses per turn"
             )
 
@@ -262,13 +262,13 @@ class Motor:
         if lasted_s is not None:
             raise InterlockTripped(
                 f"interlock: the shaft turns at {rpm:.4g} rpm where {self._wanted_rpm:g} rpm is wanted, "
-                f"for {lasted_s:.1f} s; the motor is off"
+                f"for {lasted_s:.1f} s"
             )
         return rpm
 
     def _not_arrived(self, rpm: float) -> InstrumentRefused | InterlockTripped:
         if math.isnan(rpm):
-            return InterlockTripped("interlock: no instrument shows that the shaft turns; the motor is off")
+            return InterlockTripped("interlock: no instrument shows that the shaft turns")
         return self._refused(
             f"the shaft turns at {rpm:.4g} rpm and not at {self._wanted_rpm:g} rpm",
             "the gearing and the poles in the bench file (speed per Hz or per V), belt, and pulses per turn",

@@ -258,8 +258,9 @@ class _Run:
         """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
         rig, wanted, model = self._rig, self._scenario.acquisition, self._request.model
         twin = self._matched()
-        if self._hold is not None:
-            rig.hold_force(self._hold.channel, self._scenario.drive.frequency, twin)
+        shown = twin.model.channels.drive
+        if shown in rig.names and not self._request.bench.unseen:
+            rig.hold_force(shown, self._scenario.drive.frequency, twin, self._request.path)
         rig.launch(stack)
         rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"

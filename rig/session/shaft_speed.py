@@ -22,7 +22,7 @@ _KEPT_S = 61.0
 """A turn at 1 rpm, the slowest that a scenario may ask for; of faster turns the last one is kept."""
 _POINT_S = 0.005  # a point of the angle is kept so often: 20 within `_LATEST_S`
 _LATEST_S = 0.1  # what counts as now: a block of the card and a little of the last
-_STANDS_RPM = 2.0
+STANDS_RPM = 2.0
 """A tachometer that shows less may stand on a shaft that stands: its zero is none."""
 _NO_SHAFT_RAD_S = 30_000 / RPM_PER_RAD_S  # far beyond any crank
 _STEADY_SHARE = 0.10  # what a turn's mean may differ from the latest, with an uneven turn, and still count
@@ -85,7 +85,7 @@ class Tachometer:
 
     def rpm(self) -> float:
         stale = self._clock.monotonic_s() - self._at_s > STALE_S
-        return math.nan if stale or abs(self._rpm) < _STANDS_RPM else self._rpm
+        return math.nan if stale or abs(self._rpm) < STANDS_RPM else self._rpm
 
 
 class ByAngle:

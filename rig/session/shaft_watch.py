@@ -17,7 +17,7 @@ from daq.log.records import Event
 from drivers.protocols.card import CardReading
 from drivers.protocols.encoder import PositionEncoder
 from rig.rigs import shows_marks
-from rig.session.acquisition import Acquisition
+from rig.session.acquisition import Acquisition, end_of
 from rig.session.encoder_check import at_marks
 from rig.session.encoder_record import EncoderRecord
 from rig.session.interlock import guards_of_shaft
@@ -149,7 +149,7 @@ class ShaftWatch:
             self._tachometer.take(reading.values[self._names.index(self._tachometer.channel)])
         if self._speed.channel is not None:
             self._speed.take(reading.first_sample, reading.values[self._names.index(self._speed.channel)])
-            yield from self._by_card.look(self._speed.shown, acquisition.acquired / self._rate)
+            yield from self._by_card.look(self._speed.shown, end_of(reading) / self._rate)
         if self._marks.channel is not None:
             row = reading.values[self._names.index(self._marks.channel)]
             # on a ramp between two speeds marks are not even

@@ -300,7 +300,7 @@ def test_a_disk_that_runs_short_stops_the_caller_while_the_log_can_be_finished(
     report = verify_log(path)
     assert report.sound
     assert report.topics[0].samples > 0
-    assert report.topics[0].samples + report.topics[0].missing == recorder.blocks * BLOCK
+    assert report.topics[0].samples + report.ledger_missing == recorder.blocks * BLOCK
     with pytest.raises(RecorderFailed, match=words), Recorder(LogWriter(tmp_path / "2.mcap"), SystemClock()):
         pass
     assert not (tmp_path / "2.mcap").exists()

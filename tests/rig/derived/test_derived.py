@@ -286,6 +286,17 @@ def test_a_cranks_speed_bursts_and_phases(names: tuple[str, ...]) -> None:
     assert (near > 0.01).sum() <= 1
 
 
+@pytest.mark.parametrize("names", [CRANK_NAMES, CRANK_NAMES[:2]], ids=["encoder", "marker"])
+def test_of_a_long_record_no_more_waits_than_of_a_short_one(names: tuple[str, ...]) -> None:
+    """A channel that comes before the one which tells the cycles is always ahead of it."""
+    derivation, most = Derivation(Kept(), {"measured": names}, CRANK), list[int]()
+    for block in crank.blocks(names, 12.0):
+        derivation(Block("measured", block))
+        figures = derivation._derivers["measured"]._figures.values()
+        most.append(max((len(each.values) for one in figures for each in one._waiting), default=0))
+    assert 0 < max(most) < 2.5 * crank.RATE
+
+
 def test_every_derived_channel_was_declared(of_beam: Kept) -> None:
     declared = {channel.name: channel.unit for channel in derived_channels({"measured": beam.CHANNELS}, BEAM)}
     assert {block.channel for block in of_beam.of("derived")} == set(declared)

@@ -44,8 +44,10 @@ class Person(ManualActuator):
         self.due = self.clock.now_s + 1.0, self.does(order, self.rpm)
 
     def measured_rpm(self) -> float:
-        if self.clock.now_s >= self.due[0]:
-            self.rpm = self.due[1]
+        """As a marker shows it: the last speed until that of its next marks, nothing of a slow shaft."""
+        if self.clock.now_s >= self.due[0] and self.rpm != self.due[1]:
+            slower = max(self.due[1], self.rpm - 4.0)  # looked at every 0.02 s
+            self.rpm = 0.0 if slower < 20.0 else slower
         return self.rpm or math.nan
 
 
@@ -148,6 +150,23 @@ def test_rest_that_is_not_seen_is_no_rest(alive: bool, match: str) -> None:
     assert motion.longest_stop_s > REST_S
 
 
+def test_a_shaft_whose_marker_is_lost_at_speed_is_not_at_rest() -> None:
+    person = Person(SteppedClock(), does_it)
+    motion = by_hand(person)
+    motion.start(soft=True)
+    person.rpm, person.due = math.nan, (math.inf, 0.0)  # its cable is off, and nobody does anything
+    person.does = lambda order, rpm: rpm
+    with pytest.raises(InstrumentRefused, match=r"nothing shows that the shaft turns.*STOP IT BY HAND"):
+        motion.off()
+
+
+def test_where_nothing_was_asked_no_speed_is_rest() -> None:
+    person = Person(SteppedClock())
+    began_s = person.clock.now_s
+    by_hand(person).off()
+    assert person.clock.now_s - began_s < 1.5
+
+
 def test_nobody_is_believed_unmeasured() -> None:
     clock = SteppedClock()
     with pytest.raises(InstrumentRefused, match="nothing measures what is set"):
@@ -163,7 +182,7 @@ def test_a_sine_that_is_set_is_seen_in_frequency_and_amplitude(frequency_hz: flo
     watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, 60.0)
     seen, drive = SineSeen(watch), SineDrive(3.0, 20.0)
     assert not seen.is_set(drive)
-    assert seen.rests
+    assert seen.rests(drive, 0.0)
     at_s = np.arange(2 * int(RATE)) / RATE
     force = 3.0 * np.sin(2 * np.pi * frequency_hz * at_s) + 0.4 * np.sin(6 * np.pi * frequency_hz * at_s)
     force += noise * np.random.default_rng(3).standard_normal(len(at_s))
@@ -173,6 +192,6 @@ def test_a_sine_that_is_set_is_seen_in_frequency_and_amplitude(frequency_hz: flo
     # a sine off by 3 % of its frequency leaks by a tenth of a window of four cycles
     assert watch.amplitude == pytest.approx(3.0, rel=0.03)
     assert seen.is_set(drive) == (abs(frequency_hz - 20.0) < 0.016)
-    assert not seen.rests
+    assert not seen.rests(drive, 0.0)
     assert seen.order(drive) == (20.0, 3.0)
     assert "set the drive to 20 Hz and turn it up to 3 N peak" in seen.words(drive)

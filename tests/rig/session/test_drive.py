@@ -114,6 +114,35 @@ def test_a_generator_that_does_not_go_off_does_not_hide_why_the_run_ended() -> N
     assert "THE DRIVE MAY STILL BE ON" in screen.console.export_text()
 
 
+@pytest.mark.parametrize(
+    ("fails_at", "spare_fails_at", "left"),
+    [
+        ("", "", "the motor is off"),
+        ("off", "", "the motor is off, by a new connection"),
+        ("off", "open", "THE DRIVE MAY STILL BE ON: switch it off by hand"),
+    ],
+)
+def test_what_ended_a_run_says_how_its_drive_is_left(fails_at: str, spare_fails_at: str, left: str) -> None:
+    generator, heard = RecordingGenerator(fails_at=fails_at), list[str]()
+    spare = RecordingGenerator(fails_at=spare_fails_at)
+    with (
+        pytest.raises(ZeroDivisionError, match="a fault") as ending,
+        drive_off_after(generator, lambda: spare, silent_screen(), moved="the motor", not_off=heard.append),
+    ):
+        raise ZeroDivisionError("a fault")
+    assert ending.value.__notes__ == [left]
+    assert len(heard) == ("MAY STILL" in left)
+
+
+def test_where_nothing_moved_what_ended_it_says_nothing_of_the_drive() -> None:
+    with (
+        pytest.raises(ZeroDivisionError) as ending,
+        drive_off_after(RecordingGenerator(), RecordingGenerator, silent_screen()),
+    ):
+        raise ZeroDivisionError("a fault")
+    assert not hasattr(ending.value, "__notes__")
+
+
 def test_where_the_old_connection_fails_a_new_one_switches_off() -> None:
     generator, spare, screen = RecordingGenerator(fails_at="off"), RecordingGenerator(), silent_screen()
     with (

@@ -274,7 +274,7 @@ def test_an_encoder_that_contradicts_the_wanted_speed_is_an_interlock(after: flo
     lab = Lab(angle=lambda at: OMEGA * (np.minimum(at, 2.0) + after * np.maximum(at - 2.0, 0.0)))
     codes = guarded(lab, 27)
     assert codes[-1] == "speed.abort"
-    with pytest.raises(InterlockTripped, match=f"interlock: {said}; the motor is off"):
+    with pytest.raises(InterlockTripped, match=f"interlock: {said}"):
         lab.guard.check()
 
 

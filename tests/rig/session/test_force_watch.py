@@ -50,6 +50,25 @@ def test_noise_and_bounces_are_no_drive() -> None:
     assert shown(9.0, noise=6.0)[1] == []
 
 
+@pytest.mark.parametrize("frequency_hz", [30.0, 40.0, 43.0, 50.0, 480.0])
+def test_a_force_at_any_other_frequency_is_held_to_the_bench_too(frequency_hz: float) -> None:
+    """As a person sets it, an amplifier hums or oscillates: the sine of 20 Hz sees nothing of it."""
+    for amplitude, beyond in ((60.0, True), (14.0, True), (12.0, False)):
+        watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
+        force = amplitude * np.sin(2 * np.pi * frequency_hz * np.arange(int(RATE)) / RATE)
+        told = [each for block in force.reshape(-1, BLOCK) if (each := watch.take(block))]
+        assert bool(told) == beyond
+        if amplitude == 60.0:
+            assert "of it not at 20 Hz, where the bench allows 12 N" in told[0]
+            assert watch.strength == pytest.approx(60.0, rel=0.02)
+
+
+def test_two_that_are_allowed_alone_are_not_together() -> None:
+    watch, at_s = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N), np.arange(int(RATE)) / RATE
+    force = 10.0 * np.sin(2 * np.pi * 20.0 * at_s) + 10.0 * np.sin(2 * np.pi * 50.0 * at_s)
+    assert any(watch.take(block) for block in force.reshape(-1, BLOCK))
+
+
 @pytest.mark.parametrize(
     ("amplitude", "told"),
     [(0.0, True), (0.2, True), (0.6, False), (1.1, False), (1.7, False), (2.25, True), (11.0, True)],
@@ -57,17 +76,38 @@ def test_noise_and_bounces_are_no_drive() -> None:
 def test_a_soft_start_goes_on_from_a_third_of_what_is_ordered_up_to_half_as_much_again(
     amplitude: float, told: bool
 ) -> None:
-    assert bool(shown(amplitude, noise=0.02)[0].unlike(1.125)) == told
+    assert bool(shown(amplitude, noise=0.02)[0].unlike(1.125, 0.0, 20.0)) == told
 
 
 def test_hardly_any_force_is_no_danger_however_much_more_or_less_than_ordered() -> None:
-    assert shown(0.1)[0].unlike(0.01) == ""
-    assert shown(0.0)[0].unlike(0.3) == ""
+    assert shown(0.1)[0].unlike(0.01, 0.0, 20.0) == ""
+    assert shown(0.0)[0].unlike(0.3, 0.0, 20.0) == ""
+
+
+@pytest.mark.parametrize("start_hz", [10.0, 15.0, 20.0, 23.0, 37.0])
+@pytest.mark.parametrize(("amplitude", "told"), [(0.2, True), (1.125, False), (2.25, True)])
+def test_a_drive_that_comes_from_another_frequency_is_looked_at_there(
+    start_hz: float, amplitude: float, told: bool
+) -> None:
+    watch = ForceWatch(Channel("drive.force", "N"), 40.0, RATE, HIGHEST_N, slowest_hz=start_hz)
+    force = amplitude * np.sin(2 * np.pi * start_hz * np.arange(int(RATE)) / RATE)
+    assert not any(watch.take(block) for block in force.reshape(-1, BLOCK))
+    assert bool(watch.unlike(1.125, 0.0, start_hz)) == told
+
+
+@pytest.mark.parametrize(("offset", "told"), [(0.0, False), (2.5, False), (-2.5, False), (5.0, True)])
+def test_a_mean_is_held_to_the_offset_that_was_ordered_and_may_be_missing(offset: float, told: bool) -> None:
+    assert bool(shown(2.0, offset)[0].unlike(2.0, 2.5, 20.0)) == told
+
+
+def test_a_push_without_a_sine_is_held_as_well() -> None:
+    assert shown(0.0, 8.0)[0].unlike(0.0, 8.0, 20.0) == ""
+    assert shown(0.0, 11.0)[0].unlike(0.0, 1.0, 20.0)
 
 
 def test_where_nothing_is_driven_no_force_is_too_little() -> None:
-    assert shown(0.0)[0].unlike(1.125, driven=False) == ""
-    assert shown(11.0)[0].unlike(1.125, driven=False)
+    assert shown(0.0)[0].unlike(1.125, 0.0, 20.0, driven=False) == ""
+    assert shown(11.0)[0].unlike(1.125, 0.0, 20.0, driven=False)
 
 
 def test_a_sensor_that_shows_no_number_does_not_hide_what_comes_after_it() -> None:
@@ -82,8 +122,29 @@ def test_a_sensor_that_shows_nothing_as_long_as_it_is_looked_over_cannot_be_reli
     watch, zeros = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N), np.zeros(BLOCK)
     blocks = [flag, Flag.GOOD, flag, flag, flag, Flag.GOOD, flag, flag]  # 0.1 s each, of 0.2 s
     told = [watch.take(zeros, each) for each in blocks]
-    assert [bool(each) for each in told] == [False, False, False, True, False, False, False, True]
+    assert [bool(each) for each in told] == [False, False, False, True, False, False, True, False]
     assert "drive.force is overloaded, open or not finite for 0.2 s" in told[3]
+
+
+@pytest.mark.parametrize("blind", [np.nan, 0.0])
+def test_a_sensor_that_is_blind_every_other_moment_hides_no_force(blind: float) -> None:
+    watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
+    force = 30.0 * np.sin(2 * np.pi * 20.0 * np.arange(10 * BLOCK) / RATE)
+    told = []
+    for number, block in enumerate(force.reshape(-1, BLOCK)):
+        lost = number % 2
+        flag = Flag.NOT_FINITE if lost else Flag.GOOD
+        told += [watch.take(np.full(BLOCK, blind) if lost else block, flag)]
+    assert any(told)
+
+
+def test_a_slow_sine_that_is_clipped_at_its_peaks_cannot_be_relied_on() -> None:
+    """20 N at 0.5 Hz on a range of 9 N: whole blocks about zero are good."""
+    watch = ForceWatch(Channel("drive.force", "N"), 0.5, RATE, HIGHEST_N)
+    force = 20.0 * np.sin(np.pi * np.arange(8 * int(RATE)) / RATE).reshape(-1, BLOCK)
+    clipped = [Flag.OVERLOAD if np.abs(block).max() > 9.0 else Flag.GOOD for block in force]
+    told = [watch.take(np.clip(block, -9.0, 9.0), flag) for block, flag in zip(force, clipped, strict=True)]
+    assert any("cannot be watched" in each for each in told)
 
 
 def gauged(amplitude: float, share: float) -> tuple[ForceWatch, list[str]]:
@@ -112,6 +173,6 @@ def test_a_gauge_is_held_to_what_it_shows_of_what_the_bench_allows(
 )
 def test_a_gauge_is_held_to_what_it_shows_of_the_order(amplitude: float, told: str) -> None:
     """An amplifier that gives twice as much stays below the order itself."""
-    beyond = gauged(amplitude, 0.2)[0].unlike(1.125)
+    beyond = gauged(amplitude, 0.2)[0].unlike(1.125, 0.0, 20.0)
     assert told in beyond
     assert bool(beyond) == bool(told)

@@ -50,9 +50,9 @@ from tests.rig.session.test_stops import Idle
 
 LIMIT_N, BLOCK_S = 50.0, 0.1
 SOON_S = 0.05
+"""From the reading that shows it to the off, with a busy machine in it; the block adds 0.1 s."""
 LONG_S = 10.0
 """Whoever waits for a ramp for three times as long is taken for hung, which cuts it as well."""
-"""From the reading that shows it to the off, with a busy machine in it; the block adds 0.1 s."""
 
 
 class TimedGenerator(RecordingGenerator):
@@ -301,6 +301,66 @@ def test_a_guard_that_hangs_is_seen_by_the_acquisition(tmp_path: Path) -> None:
     finally:
         bench.rig._deciding.release()
     assert (bench.generator.off_s or np.inf) - since_s < 1.0
+
+
+def test_a_guard_that_fails_switches_off_and_says_what_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(tmp_path, None)
+
+    def broken() -> EmergencyStop | None:
+        raise ZeroDivisionError("a driver's fault")
+
+    def during(rig: DrivenRig) -> None:
+        rig.devices = replace(rig.devices, emergency_stop=broken)
+        await_true("off", lambda: bench.generator.off_s, 1.0)
+        rig.devices = replace(rig.devices, emergency_stop=lambda: None)
+        rig.watch.wait(2.0)
+
+    ended(bench, Hung, "the guard failed: ZeroDivisionError: a driver's fault", during)
+
+
+def test_whoever_takes_long_to_hear_of_a_stop_delays_no_off(tmp_path: Path) -> None:
+    bench, goes_on = Bench(tmp_path, None), threading.Event()
+
+    def waits(record: object) -> None:
+        if getattr(record, "code", "") == STOPPING:
+            await_true("off", lambda: bench.generator.off_s, 5.0)
+            goes_on.set()
+
+    def during(rig: DrivenRig) -> None:
+        rig.stream.append(waits)
+        raise ZeroDivisionError("a fault")
+
+    began_s = time.monotonic()
+    ended(bench, ZeroDivisionError, "a fault", during)
+    assert goes_on.is_set()
+    assert (bench.generator.off_s or np.inf) - began_s < 1.0
+
+
+def test_a_drive_that_does_not_go_off_stands_in_the_log(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, None)
+    bench.generator._fails_at = "off"
+    bench.rig.devices = replace(bench.rig.devices, spare=lambda: RecordingGenerator(fails_at="open"))
+
+    def during(rig: DrivenRig) -> None:
+        raise ZeroDivisionError("a fault")
+
+    with pytest.raises(ZeroDivisionError) as ending:
+        ended(bench, InterlockTripped, "never", during)
+    assert ending.value.__notes__ == ["THE DRIVE MAY STILL BE ON: switch it off by hand"]
+    (kept,) = (each for each in bench.rig.stream if isinstance(each, Kept))
+    (told,) = (each for each in kept.events if each.code == "drive.not_off")
+    assert told.level == "error"
+    assert "MAY STILL BE ON" in told.text
+
+
+def test_what_has_come_to_rest_is_asked_for_nothing_more(tmp_path: Path) -> None:
+    """Whoever switches the generator off meanwhile hears no alarm."""
+    bench = Bench(tmp_path, None)
+    with bench.moving() as rig:
+        rig.ramp_down()
+    assert bench.generator.told[-1] == ("close",)
 
 
 def test_signs_of_life_come_while_all_is_well(tmp_path: Path, beats: list[float]) -> None:

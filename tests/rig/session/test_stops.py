@@ -98,6 +98,12 @@ class Idle:
     def finish(self, within_s: float, check: Callable[[], None]) -> None:
         pass
 
+    def take_over(self) -> None:
+        pass
+
+    def go_on(self) -> str:
+        return ""
+
     def beat(self, patience_s: float = 0.0) -> None:
         pass
 
@@ -211,10 +217,12 @@ def moved(
 
 
 def ended(rig: Rig, moves: Moves, error: type[RattleError], match: str) -> str:
-    """What stands on the screen after the error that has to end it."""
+    """What stands on the screen after the error that has to end it; the error says how the drive is left."""
     screen = silent_screen()
-    with pytest.raises(error, match=match):
+    with pytest.raises(error, match=match) as ending:
         moves(rig, screen)
+    moved = "the drive" if rig.scenario.rig == "impact_beam" else "the motor"
+    assert getattr(ending.value, "__notes__", []) == ([f"{moved} is off"] if "start" in rig.told() else [])
     return screen.console.export_text()
 
 
@@ -265,7 +273,7 @@ def test_it_is_supervised_before_it_moves_whether_a_reading_has_come_or_not(
 def test_a_limit_that_trips_stops_it(moved: tuple[Rig, Moves]) -> None:
     rig, moves = moved
     rig.card.level = 60.0
-    said = ended(rig, moves, InterlockTripped, r"interlock: .* = 60 .*, limit 50 .*; the drive is off")
+    said = ended(rig, moves, InterlockTripped, r"interlock: .* = 60 .*, limit 50 .*")
     assert "log so far" in said
     assert rig.told()[-1] == "close"
     assert {"limit.abort", "drive.stopping"} <= set(rig.events())

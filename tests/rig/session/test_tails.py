@@ -10,7 +10,7 @@ import pytest
 
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import DeviceLost, RattleError
+from daq.errors import DeviceLost, RattleError, RecorderFailed
 from daq.time_base.run_clock import RunClock
 from rig.files.bench import embedded_bench
 from rig.files.scenario import parse_scenario
@@ -52,8 +52,12 @@ class Ahead(SystemClock):
 class Due(dict[str, tuple[int, str]]):
     """In place of a recorder: what was said to be due, by topic."""
 
+    failed = False
+
     def due(self, origin: str, channel: str, end_sample: int, cause: str) -> None:
         self[f"{origin}/{channel}"] = end_sample, cause
+        if self.failed:
+            raise RecorderFailed("the disk is slower than the data")
 
 
 @pytest.fixture
@@ -128,3 +132,11 @@ def test_readings_behind_the_end_of_a_record_are_not_due() -> None:
     assert record.due(1.1) == round(0.1 / Thermometer.period_s)
     record.end(1.05)
     assert record.due(31.0) == 3
+
+
+def test_a_recorder_that_has_failed_is_told_of_every_channel(
+    rig: DrivenRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Due, "failed", True)
+    due = recorded(rig, None, False, 60 * int(RATE))
+    assert {"measured/drive.force", "predicted/drive.force", "measured/hall.temperature"} <= due.keys()
