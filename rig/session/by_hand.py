@@ -14,7 +14,7 @@ from daq.log.records import ClockRecord
 from daq.time_base.clocks import CardClock
 from drivers.manual.actuator import ManualActuator
 from drivers.protocols.instrument import Notice
-from rig.session.interlock import HUNG_S, Debounced, ForceWatch
+from rig.session.interlock import BEYOND_BENCH, HUNG_S, OVERSPEED_S, Debounced, ForceWatch
 from rig.session.shaft_speed import RPM_PER_RAD_S, STANDS_RPM
 from rig.twin.alignment import FREQUENCY_TOLERANCE
 from sim_twin.rigs.crank_drive import SpeedDrive
@@ -30,8 +30,6 @@ _SPEED_SHARE, _FORCE_SHARE, _FREQUENCY_SHARE = 0.02, 0.05, 0.8 * FREQUENCY_TOLER
 _FAINT = 0.02
 _FELL, _NEXT_TURN_S = 0.5, 3.0
 """Of the speed asked for, what a shaft is seen below on its way to rest; how long a turn is awaited."""
-_TOO_MUCH, _TOO_MUCH_S = 1.1, 0.3
-"""Of what the bench allows, and for how long, before the run ends."""
 
 
 class Seen(Protocol):
@@ -87,7 +85,7 @@ class ShaftSeen:
 
     @property
     def beyond(self) -> bool:
-        return abs(self.measured_rpm()) > _TOO_MUCH * self.highest_rpm
+        return abs(self.measured_rpm()) > BEYOND_BENCH * self.highest_rpm
 
     def rests(self, asked: SpeedDrive | None, at_s: float) -> bool:
         """A marker shows a speed no more once its shaft is slow; one whose cable is off shows none either.
@@ -159,7 +157,7 @@ class ByHand:
         self._person, self._drive, self._wait = person, drive, wait
         self.seen, self._clock = seen, clock or SystemClock()
         self.alive: Callable[[], bool] = lambda: False
-        self._too_much = Debounced(_TOO_MUCH_S)
+        self._too_much = Debounced(OVERSPEED_S)
         self._asked_to_rest = threading.Lock()  # held from then on: once is enough
         self._rests = False
         self._asked: Any = None

@@ -97,7 +97,7 @@ _OVER_S = 0.2  # two readings of the card; a whole cycle where that is longer
 _DRIVEN_HZ, _LATELY_S = 500.0, 1.0
 """Below which a shaker drives, besides five times its own frequency; how long that is looked over at most."""
 _ALL = 0.02
-_BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
+BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 """What sensors and amplifiers may differ by; a force below 1 % of what the bench allows endangers nothing."""
 _DEAD = 1 / 3
 """Of what an order shows: a sensor that shows less would not show too much either."""
@@ -171,7 +171,7 @@ class ForceWatch:
         of_drive = self.shown(self.highest)
         before, self._beyond = (
             self._beyond,
-            (of_sine > _BEYOND_BENCH * of_drive or of_all > _BEYOND_BENCH * max(self.highest, of_drive)),
+            (of_sine > BEYOND_BENCH * of_drive or of_all > BEYOND_BENCH * max(self.highest, of_drive)),
         )
         if before or not self._beyond:  # told once, as it passes
             return ""
@@ -338,7 +338,7 @@ class SpeedGuard:
             wanted, rpm = self._wanted_rad_s, shown.speed_rad_s * RPM_PER_RAD_S
             highest_rpm = self._highest_rad_s * RPM_PER_RAD_S
             beyond = f"{self._shows} {rpm:.4g} rpm, where the bench allows {highest_rpm:.4g} rpm"
-            held, limit_rpm = self._beyond, _BEYOND_BENCH * highest_rpm
+            held, limit_rpm = self._beyond, BEYOND_BENCH * highest_rpm
             told = self._judge("beyond", held, card_s, abs(rpm) > limit_rpm, abs(rpm) <= highest_rpm, beyond)
             if wanted is not None:
                 apart = abs(shown.speed_rad_s - wanted) / wanted if shown.valid else math.nan

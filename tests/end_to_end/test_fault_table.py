@@ -62,6 +62,7 @@ def test_it_ends_as_the_table_says_and_every_sample_is_accounted_for(name: str, 
     assert ended.code == (int(exits[1]) if exits else 0), said
     may_be_on = re.findall(r"THE [A-Z]+ MAY STILL [A-Z]+", seen)
     assert set(re.findall(r"THE [A-Z]+ MAY STILL [A-Z]+", ended.out)) == set(may_be_on), said
+    assert all(words in ended.err for words in may_be_on), said
     log = ended.log
     with LogReader(log) as reader:
         complete = reader.complete
