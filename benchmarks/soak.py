@@ -112,6 +112,12 @@ ALL = {
         ("pytest", "-m", "soak", "tests/end_to_end/test_fault_table.py"),
         ("pytest", "-m", "soak", "tests/end_to_end/test_fault_table.py", "-k", "unplugged"),
     ),
+    "acquisition": Promise(
+        "A record takes at most a tenth more of the processor than at 474bf0b, before logs were synced and "
+        "measured forces held.",
+        ("benchmarks.versions", "474bf0b", "--only", "acquisition"),
+        ("benchmarks.versions", "474bf0b", "--only", "acquisition", "--rounds", "1"),
+    ),
     "Modbus": Promise(
         "A line to the inverter that loses or corrupts answers: no wrong value, speed held or a safe stop.",
         ("benchmarks.modbus_noise",),

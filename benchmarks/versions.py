@@ -5,8 +5,8 @@ long one, so that neither the start nor the end counts. All processes count, emu
 `acquisition` is a run of sixteen channels between the begin and the end of its record, without the report.
 Returns 1 if the median of the ratios of any command is above 1.03, of `acquisition` above 1.1.
 
-Usage: python -m benchmarks.versions CHECKOUT [--rounds N] [--only NAME ...], where CHECKOUT is a folder with
-the other version, set up (`git worktree add FOLDER COMMIT`, then `scripts/setup` in it).
+Usage: python -m benchmarks.versions OTHER [--rounds N] [--only NAME ...], where OTHER is a commit, which is
+checked out and set up for it, or a folder where that is done.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import statistics
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -186,16 +187,34 @@ def compare(name: str, other: Path, rounds: int) -> bool:
     return middle <= bar
 
 
+@contextmanager
+def checked_out(other: str) -> Iterator[Path]:
+    """The other version, set up."""
+    if Path(other).is_dir():
+        yield Path(other).resolve()
+        return
+    worktree = ["git", "-C", str(HERE), "worktree"]
+    with tempfile.TemporaryDirectory() as folder:
+        at = Path(folder) / "other"
+        subprocess.run([*worktree, "add", "--detach", "--quiet", at, other], check=True)  # noqa: S603
+        try:
+            subprocess.run([at / "scripts" / "setup"], cwd=at, check=True, stdout=subprocess.DEVNULL)  # noqa: S603
+            yield at
+        finally:
+            subprocess.run([*worktree, "remove", "--force", at], check=True)  # noqa: S603
+
+
 def main() -> int:
     """Compare, and return 1 if anything takes longer here."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("checkout", type=Path, help="folder with the other version, set up")
+    parser.add_argument("other", help="commit, or folder with the other version, set up")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", nargs="*", choices=NAMES, default=NAMES)
     given = parser.parse_args()
-    held = [compare(name, given.checkout.resolve(), given.rounds) for name in given.only]
+    with checked_out(given.other) as other:
+        held = [compare(name, other, given.rounds) for name in given.only]
     return int(not all(held))
 
 
