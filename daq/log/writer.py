@@ -194,6 +194,8 @@ class LogWriter:
                 self._file.flush()
                 self.sync()
                 self._file.close()
+        except RecorderFailed:  # an OSError too, which has said all
+            raise
         except OSError as error:
             raise RecorderFailed(f"{self.path}: {error}") from error
         finally:

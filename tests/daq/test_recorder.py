@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import shutil
 import threading
 import time
@@ -478,7 +479,8 @@ def test_a_disk_that_failed_to_sync_once_is_believed_no_more(
     writer.add_block("measured", block(0), START_NS)
     writer.flush_if_older(START_NS + 10**9)
     FailingDisk("fdatasync", 1).put_below(monkeypatch)
-    with pytest.raises(RecorderFailed, match="Input/output error"):
+    whole = f"^{re.escape(str(path))}: \\[Errno 5\\] Input/output error; the log is readable up to here$"
+    with pytest.raises(RecorderFailed, match=whole):
         (writer.close if closed else writer.sync)()
     if not closed:
         with pytest.raises(RecorderFailed, match=r"stopped after .*Input/output error"):
