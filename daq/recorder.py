@@ -194,3 +194,4 @@ class Recorder:
             except Exception as error:  # top of a thread: whatever it was, the next hand-over tells the rig
                 self._writes = False
                 self._failed(error)
+                self._writer.abandon(error)

@@ -56,7 +56,7 @@ class LogWriter:
         self._chunk_opened_ns = 0
         self._declarations = bytearray()
         self._folder_synced = False
-        self._failed: OSError | None = None
+        self._failed: Exception | None = None
         self._open = False
 
     def open(self) -> LogWriter:
@@ -180,6 +180,12 @@ class LogWriter:
             self._failed = error
             raise RecorderFailed(f"{self.path}: {error}; the log is readable up to here") from error
 
+    def abandon(self, why: Exception) -> None:
+        """Write what came before and leave the file unfinished: it lacks what was to be written now."""
+        with suppress(RecorderFailed):  # where a write has failed, nothing more can be
+            self._end_chunk()
+        self._failed = self._failed or why
+
     def close(self) -> None:
         """Finish and sync the file. After a failed write it stays as it is: readable up to the last chunk."""
         if not self._open:
@@ -299,6 +305,9 @@ class LogWriter:
         except OSError as error:
             self._failed = error
             raise RecorderFailed(f"{self.path}: {error}; the log is readable up to here") from error
+        except Exception as error:  # of ours, or want of memory: a record may be half there
+            self._failed = error
+            raise
 
 
 class _Indexes:

@@ -367,6 +367,7 @@ class WriterWithoutMemory(LogWriter):
 
 
 def test_want_of_memory_stops_the_caller_and_leaves_what_came_before(tmp_path: Path) -> None:
+    """In a log that says that it is not whole: nothing tells of the samples behind."""
     path = tmp_path / "log.mcap"
     recorder = Recorder(WriterWithoutMemory(path), SystemClock())
     recorder.__enter__()
@@ -375,6 +376,21 @@ def test_want_of_memory_stops_the_caller_and_leaves_what_came_before(tmp_path: P
     with pytest.raises(RecorderFailed, match="MemoryError"):
         recorder.close()
     assert recorder.refused
+    assert not verify_log(path).sound
+    with LogReader(path) as log:
+        assert not log.complete
+        assert log.series("measured", "a").end_sample == 2 * BLOCK
+
+
+def test_a_sample_that_comes_twice_leaves_the_log_unfinished(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    recorder = Recorder(LogWriter(path), SystemClock())
+    recorder.__enter__()
+    record_ramp(recorder, 2)
+    recorder.block("measured", block(0))
+    with pytest.raises(RecorderFailed, match="comes twice"):
+        recorder.close()
+    assert not verify_log(path).complete
     with LogReader(path) as log:
         assert log.series("measured", "a").end_sample == 2 * BLOCK
 
