@@ -37,7 +37,7 @@ class Derivation:
 
     `channels` are those of each origin. `known` is what a log says was settled when it was recorded; what it
     does not say is settled by the rule, and published as a metadata record. `gauged`: a gauge in the stinger
-    shows the drive.
+    shows the drive. `spend` hears what is kept of a file that anybody may have written (`daq.allowance`).
     """
 
     def __init__(
@@ -47,6 +47,7 @@ class Derivation:
         scenario: Scenario | None,
         known: Mapping[str, Settings] | None = None,
         gauged: bool = False,
+        spend: Callable[..., None] = lambda **_: None,
     ) -> None:
         from rig.derived.per_source import OriginDeriver  # with the compiler, which who records need not load
 
@@ -58,7 +59,7 @@ class Derivation:
             if origin in channels:
                 measured = self._derivers.get("measured")
                 self._derivers[origin] = OriginDeriver(
-                    origin, channels[origin], nominal, self._known.get(origin), measured
+                    origin, channels[origin], nominal, self._known.get(origin), measured, spend
                 )
 
     def __call__(self, record: Record) -> None:
@@ -93,7 +94,8 @@ def derivation_of(log: LogReader, publish: Consumer) -> Derivation:
         scenario = None
     by_gauge = scenario is not None and gauged(log.metadata.get("run", {}), RIGS[scenario.rig].channels.drive)
     names = {origin: list(log.channels(origin)) for origin in ORIGINS}
-    return Derivation(publish, names, scenario, from_record(log.metadata.get(RECORD, {})), by_gauge)
+    known = from_record(log.metadata.get(RECORD, {}))
+    return Derivation(publish, names, scenario, known, by_gauge, log.allowance().spend)
 
 
 def impacts_of(log: LogReader) -> list[Impact]:

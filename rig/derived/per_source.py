@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from math import nan
 
@@ -39,8 +39,9 @@ class ImpactWatch:
         sample_rate: float,
         start_ns: int,
         look_s: float = _LOOK_S,
+        spend: Callable[..., None] = lambda **_: None,
     ) -> None:
-        self._origin, self._name, self._look_s = origin, name, look_s
+        self._origin, self._name, self._look_s, self._spend = origin, name, look_s, spend
         self._levels, self._within_s = settings.levels[name], settings.within_s[name]
         self._cycles, self._rate, self._start_ns = cycles, sample_rate, start_ns
         self._waiting: deque[Impact] = deque()
@@ -81,6 +82,7 @@ class ImpactWatch:
         self._note(self._grouper.finish())
 
     def _note(self, events: ImpactEvents) -> None:
+        self._spend(records=len(events))
         for row in range(len(events)):
             start = self._base + int(events.start[row])
             impact = Impact(
@@ -119,7 +121,7 @@ class OriginDeriver:
 
     Until `settings` are there (given, or settled by the rule on the first seconds) blocks wait here, and
     until those of the `measured` origin are, whose levels go before. `nominal` is None where no scenario says
-    how the rig turns: then there are impacts only, without phase.
+    how the rig turns: then there are impacts only, without phase. `spend` as in `Derivation`.
     """
 
     def __init__(
@@ -129,9 +131,10 @@ class OriginDeriver:
         nominal: rule.Nominal | None,
         settings: rule.Settings | None = None,
         measured: OriginDeriver | None = None,
+        spend: Callable[..., None] = lambda **_: None,
     ) -> None:
         self.origin, self.settings = origin, settings
-        self._measured = measured
+        self._measured, self._spend = measured, spend
         self._names = tuple(channels)
         self._nominal = nominal
         self._reference = rule.reference_of(self._names) if nominal is not None else None
@@ -154,6 +157,7 @@ class OriginDeriver:
         if self._ready:
             self._derive(block, publish)
             return
+        self._spend(unpacked=2 * block.values.nbytes, records=1)  # and what is settled on it
         self._waiting.append(block)
         if block.channel in self._ends:
             self._ends[block.channel] = block.end_sample
@@ -200,7 +204,9 @@ class OriginDeriver:
         """Samples of a channel up to `settle_s`, NaN where they are missing."""
         end = round(self._settle_s * self._waiting[0].sample_rate)
         blocks = [block for block in self._waiting if block.channel == name and block.first_sample < end]
-        return values_of(blocks, 0, min(max((block.end_sample for block in blocks), default=0), end))
+        end = min(max((block.end_sample for block in blocks), default=0), end)
+        self._spend(held=max(end - sum(map(len, blocks)), 0) * np.dtype(np.float64).itemsize)  # of no block
+        return values_of(blocks, 0, end)
 
     def _derive(self, block: SampleBlock, publish: Consumer) -> None:
         name = block.channel
@@ -236,4 +242,6 @@ class OriginDeriver:
             series = derived_name(self.origin, name)
             self._figures[name] = CycleFigures(series, self._cycles, settings.cycle_hz, rate, start_ns)
         if name in settings.levels:
-            self._impacts[name] = ImpactWatch(self.origin, name, settings, self._cycles, rate, start_ns)
+            self._impacts[name] = ImpactWatch(
+                self.origin, name, settings, self._cycles, rate, start_ns, spend=self._spend
+            )

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from math import tau
 from typing import Any, Final
@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from daq.angle.cycles import WORST_RESIDUAL, AngleCycles, Cycles, DriveCycles, MarkerCycles
 from daq.angle.marker import MarkTracker
-from daq.errors import LogError
+from daq.log.metadata import as_table, number_in, read_json
 from daq.log.reader import LogReader
+from daq.quantity import Bound
 from daq.signals.impacts import Levels, largest_force, levels_of
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS, declared
@@ -123,23 +124,37 @@ def says_impacts(log: LogReader) -> bool:
     return by_this_rule and all(event.code != STOPPED for event in log.events())
 
 
+_DURATION = Bound("s", 1e-9, 86_400.0)
+_CYCLE_RATE = Bound("Hz", 1e-4, 1e5)
+"""From a twentieth of a turn in the longest time that is looked at to half the rate of the fastest card."""
+_PHASE = Bound("rad", -tau, tau)
+_LEVELS = tuple(each.name for each in fields(Levels))
+_LEVEL = Bound(low=0.0, high=1e39, above=True)
+"""Up to what a sample of 32 bits can be."""
+
+
 def from_record(record: Mapping[str, str]) -> dict[str, Settings]:
     """What a log says was settled, nothing by another rule; raises LogError where it cannot be read."""
-    found: dict[str, Settings] = {}
     if record.get("rule", RULE) != RULE:
-        return found
-    try:
-        for origin, fields in ((name, json.loads(text)) for name, text in record.items() if name != "rule"):
-            found[origin] = Settings(
-                settle_s=float(fields["settle_s"]),
-                cycle_hz=None if fields["cycle_hz"] is None else float(fields["cycle_hz"]),
-                phase_rad=float(fields["phase_rad"]),
-                levels={name: Levels(**levels) for name, levels in fields["levels"].items()},
-                within_s={name: float(within) for name, within in fields["within_s"].items()},
-            )
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise LogError(f"the metadata record {RECORD} is damaged ({error})") from error
-    return found
+        return {}
+    return {origin: _settings(text, origin) for origin, text in record.items() if origin != "rule"}
+
+
+def _settings(text: str, origin: str) -> Settings:
+    what = f"what the log says was settled of {origin} (metadata record {RECORD})"
+    told = as_table(read_json(text, what), what)
+    levels, within_s = (as_table(told.get(key), what) for key in ("levels", "within_s"))
+    turns = told.get("cycle_hz") is not None
+    return Settings(
+        settle_s=number_in(told, "settle_s", _DURATION, what),
+        cycle_hz=number_in(told, "cycle_hz", _CYCLE_RATE, what) if turns else None,
+        phase_rad=number_in(told, "phase_rad", _PHASE, what),
+        levels={
+            name: Levels(*(number_in(as_table(each, what), key, _LEVEL, what) for key in _LEVELS))
+            for name, each in levels.items()
+        },
+        within_s={name: number_in(within_s, name, _DURATION, what) for name in levels},
+    )
 
 
 CYCLES: Final = 3
@@ -211,7 +226,7 @@ def cycles_of(
     reference: str, settings: Settings, sample_rate: float, beside: float = WORST_RESIDUAL
 ) -> Cycles | None:
     """What counts the cycles by the reference channel; `beside` as in `Nominal`."""
-    if settings.cycle_hz is None:
+    if settings.cycle_hz is None or 2 * settings.cycle_hz > sample_rate:  # so few samples show no cycle
         return None
     if role_of(reference) is Role.DRIVE:
         return DriveCycles(sample_rate, settings.cycle_hz, settings.phase_rad, beside)

@@ -165,7 +165,7 @@ def _derivation(
                 copy.add_metadata(name, values)
 
     by_gauge = gauged(log.metadata.get("run", {}), RIGS[scenario.rig].channels.drive)
-    return Derivation(write, names, scenario, known, by_gauge)
+    return Derivation(write, names, scenario, known, by_gauge, log.allowance().spend)
 
 
 def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channel]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from pathlib import Path
@@ -11,12 +12,13 @@ from typing import cast
 import numpy as np
 import pytest
 
-from daq.block import NS_PER_S, SampleBlock
+from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.errors import LogError
 from daq.log.reader import LogReader
 from daq.log.records import Event
 from daq.log.writer import LogWriter
 from rig.bounds import Bounds
+from rig.derived.settings import RECORD
 from rig.live.picture import Layout
 from rig.live.view import LiveView
 from rig.session.overlay import overlay_run
@@ -24,6 +26,7 @@ from rig.session.replay import ShapeFollower, replay_log
 from rig.session.signals import Stopped
 from rig.stream import Block, Record, Shape
 from rig.twin.logged import predicting_twin, scenario_of
+from tests.hostile import bounded
 from tests.rig.session.fakes import Kept, silent_screen
 from tests.rig.synthetic_run import CHANNELS, RATE, SCENARIO, START_NS, write_log
 
@@ -190,3 +193,115 @@ def test_recordings_of_another_program_are_played(name: str) -> None:
     assert played == samples
     assert set(played) >= {channel.name for channel in CHANNELS}
     assert kept.blocks("drive.force")[0].sample_rate == RATE
+
+
+SETTLED: dict[str, object] = {
+    "settle_s": 1.0,
+    "cycle_hz": 20.0,
+    "phase_rad": 0.5,
+    "levels": {"contact.force_upper": {"counts_from_n": 6.0, "released_below_n": 0.8}},
+    "within_s": {"contact.force_upper": 0.0125},
+}
+
+
+def settled(tmp_path: Path, **other: object) -> Path:
+    """A log that says this was settled of it; json writes NaN as a stranger may."""
+    record = {"measured": json.dumps(SETTLED | other)}
+    scenario = SCENARIO + ACQUISITION
+    return write_log(
+        tmp_path / "log.mcap", 0.2, origins=["measured"], scenario=scenario, metadata={RECORD: record}
+    )
+
+
+def test_what_a_log_says_was_settled_holds(tmp_path: Path) -> None:
+    kept = Kept()
+    replay_log(settled(tmp_path), 0, None, silent_screen(), SteppedClock(), (kept,))
+    assert {each.channel for each in kept.impacts} == {"contact.force_upper"}
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ({"phase_rad": 1e300}, r"phase_rad = 1e\+300 \(at least -6.28319, at most 6.28319 rad\)"),
+        ({"phase_rad": float("nan")}, "phase_rad = nan"),
+        ({"cycle_hz": 0}, "cycle_hz = 0 "),
+        ({"cycle_hz": float("inf")}, "cycle_hz = inf"),
+        ({"cycle_hz": int("9" * 400)}, "cycle_hz = 9999"),
+        ({"cycle_hz": "20"}, "cycle_hz = 20 "),
+        ({"settle_s": None}, "settle_s = None"),
+        ({"within_s": {}}, "contact.force_upper = None"),
+        ({"within_s": {"contact.force_upper": 0}}, "contact.force_upper = 0 "),
+        ({"within_s": []}, r"cannot be read: \[\]"),
+        ({"levels": {"contact.force_upper": {"counts_from_n": "6", "released_below_n": 1}}}, "from_n = 6 "),
+        ({"levels": {"contact.force_upper": [6.0, 1.0]}}, r"cannot be read: \[6"),
+        ({"levels": [1]}, r"cannot be read: \[1\]"),
+    ],
+)
+def test_what_cannot_have_been_settled_is_a_log_error(
+    tmp_path: Path, other: dict[str, object], words: str
+) -> None:
+    path = settled(tmp_path, **other)
+    with pytest.raises(LogError, match=f"settled of measured .*{words}"):
+        replay_log(path, 0, None, silent_screen(), SteppedClock())
+    with pytest.raises(LogError, match=words):
+        overlay_run(path, tmp_path / "overlay.mcap")
+
+
+@pytest.mark.parametrize("text", ["{", "[" * 100_000, "[" * 500 + "]" * 500, "null"])
+def test_what_was_settled_in_no_table_is_a_log_error(tmp_path: Path, text: str) -> None:
+    path = write_log(tmp_path / "log.mcap", 0.1, metadata={RECORD: {"measured": text}})
+    with pytest.raises(LogError, match=r"settled of measured .* cannot be read"):
+        replay_log(path, 0, None, silent_screen(), SteppedClock())
+
+
+def test_cycles_quicker_than_the_samples_are_not_counted(tmp_path: Path) -> None:
+    path, drive = tmp_path / "log.mcap", CHANNELS[0]
+    with LogWriter(path) as log:
+        log.declare("measured", drive)
+        log.add_metadata("scenario", {"toml": SCENARIO + ACQUISITION})
+        log.add_metadata(RECORD, {"measured": json.dumps(SETTLED)})
+        log.add_block("measured", SampleBlock(drive.name, 0, START_NS, 0.01, np.zeros(9)), START_NS)
+    assert replay_log(path, 0, None, silent_screen(), SteppedClock()) == 1
+
+
+def test_blocks_without_end_do_not_wait_for_a_second_of_a_rate_out_of_this_world(tmp_path: Path) -> None:
+    """500 MB of zeros in a file of a hundredth of that."""
+    path, rate, values = tmp_path / "log.mcap", 1e17, np.zeros(1 << 20, np.float32)
+    upper = CHANNELS[1]
+    with LogWriter(path) as log:
+        log.declare("measured", upper)
+        for number in range(120):
+            block = SampleBlock(upper.name, number * len(values), START_NS, rate, values)
+            log.add_block("measured", block, START_NS)
+    with bounded(), pytest.raises(LogError, match="more would come of it than of any honest recording"):
+        replay_log(path, 0, None, silent_screen(), SteppedClock())
+
+
+def test_a_hole_out_of_this_world_is_not_filled(tmp_path: Path) -> None:
+    path, upper = tmp_path / "log.mcap", CHANNELS[1]
+    with LogWriter(path) as log:
+        log.declare("measured", upper)
+        for first in (0, 10**12):
+            block = SampleBlock(upper.name, first, START_NS, 1e17, np.zeros(9, np.float32))
+            log.add_block("measured", block, START_NS)
+    with bounded(), pytest.raises(LogError, match="more would come of it than of any honest recording"):
+        replay_log(path, 0, None, silent_screen(), SteppedClock())
+
+
+@pytest.mark.long
+def test_impacts_without_end_are_not_kept(tmp_path: Path) -> None:
+    """One each 40 samples, the same again and again, in a file that takes a hundredth of them."""
+    path, upper = tmp_path / "log.mcap", CHANNELS[1]
+    blow = np.zeros(40, np.float32)
+    blow[:3] = 10.0, 40.0, 10.0
+    values = np.tile(blow, 5000)
+    levels = {"within_s": {upper.name: 1e-4}}
+    with LogWriter(path) as log:
+        log.declare("measured", upper)
+        log.add_metadata(RECORD, {"measured": json.dumps(SETTLED | levels)})
+        for number in range(100):
+            first = number * len(values)
+            block = SampleBlock(upper.name, first, sample_time_ns(START_NS, first, RATE), RATE, values)
+            log.add_block("measured", block, block.time_ns)
+    with pytest.raises(LogError, match="more would come of it than of any honest recording"):
+        replay_log(path, 0, None, silent_screen(), SteppedClock())
