@@ -11,7 +11,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import get_args
 
-from daq.block import NS_PER_S, SampleBlock
+from daq.block import LATEST, NS_PER_S, SampleBlock
 from daq.errors import LogError, RecorderFailed
 from daq.log.codec import decode_block, decode_record
 from daq.log.front import CUT
@@ -22,7 +22,7 @@ from daq.log.writer import LogWriter
 LOST, UNWRITTEN = "lost in a damaged log", "not written before the log was cut"
 _RECOVERED = "recovered"
 """The metadata record in which a recovered log says what it comes from."""
-_WHOLE_NUMBER = re.compile("[0-9]{1,18}")
+_WHOLE_NUMBER = re.compile("[0-9]{1,40}")
 _SOONER = 0.25
 """Of a block: by so much less than a block after the last one the next was due."""
 _SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))
@@ -212,6 +212,7 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
                     late_s = (max(*beside, log.last_ns(topic, log_ns), log_ns) - log_ns) / NS_PER_S
                     size = max(len(block), 1)
                     behind = size * math.floor(late_s * block.sample_rate / size + _SOONER)
+                    behind = min(behind, LATEST - 1 - block.end_sample)
                     if whose and behind > 0 and whose != "derived":  # which come when a cycle ends
                         writer.due(whose, name, block.end_sample + behind, log_ns, cause)
                         lost += behind if cause == LOST else 0

@@ -124,6 +124,25 @@ def test_a_hole_that_reaches_out_of_all_time_is_recovered(
         assert [(gap.time_ns, gap.count) for gap in log.gaps()] == [(0, LATEST - 1)]
 
 
+@pytest.mark.parametrize("sample_rate", [6e8, 1e9, 1e17])
+@pytest.mark.parametrize("cut", [True, False], ids=["cut", "damaged"])
+def test_a_time_of_the_host_that_is_past_counting_leaves_a_gap_that_can_be_counted(
+    tmp_path: Path, sample_rate: float, cut: bool
+) -> None:
+    """Of /measured/a by as much as /measured/b seems to come later: 2^64 ns."""
+    data = SampleBlockMessage(sample_rate=sample_rate, values=[1.0, 2.0]).SerializeToString()
+    inner = b"".join(
+        record(4, struct.pack("<HHI", number, 0, 11) + topic + struct.pack("<II", 0, 0))
+        + record(5, struct.pack("<HIQQ", number, 0, log_ns, 0) + data)
+        for number, topic, log_ns in ((0, b"/measured/a", 0), (1, b"/measured/b", (1 << 64) - 1))
+    )
+    chunks = [chunk(inner)] if cut else [chunk(inner), Chunk("zstd", b"none", 1, 0, 0, 4)]
+    report = recover_log(crashed_file(tmp_path / "log.mcap", *chunks), tmp_path / "recovered.mcap")
+    assert report.sound
+    assert report.ledger_missing == LATEST - 1 - 2
+    assert report.lost == (0 if cut else report.ledger_missing)
+
+
 def test_one_chunk_that_the_index_has_twice_is_read_once(tmp_path: Path) -> None:
     one = chunk(record(5, struct.pack("<HIQQ", 0, 0, 0, 0)))
     with LogReader(finished_file(tmp_path / "once.mcap", [one])) as log:
