@@ -24,7 +24,8 @@ from daq.allowance import MOST_COLUMNS, Allowance
 MAXIMUM_CHUNK_BYTES = 64 << 20
 """A quarter of a second of 1 000 channels at 51.2 kHz, measured and predicted, fits in."""
 LONGEST_RECORD_BYTES = 2 * MAXIMUM_CHUNK_BYTES
-_RECORD = struct.Struct("<BQ")
+RECORD_HEAD = struct.Struct("<BQ")
+"""Opcode, and length of what follows."""
 _MESSAGE = struct.Struct("<HIQQ")
 _RECORD_READ = 512
 """Bytes unpacked in the time that a record takes, however short."""
@@ -86,8 +87,8 @@ def records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
     """Opcode, start and end of each record's content; raises ValueError, struct.error where it is none."""
     position, end = 0, len(data)
     while position < end:
-        opcode, length = _RECORD.unpack_from(data, position)
-        position += _RECORD.size
+        opcode, length = RECORD_HEAD.unpack_from(data, position)
+        position += RECORD_HEAD.size
         if opcode == 0 or position + length > end:
             raise ValueError(f"no record {opcode} of {length} bytes fits at byte {position}")
         yield opcode, position, position + length

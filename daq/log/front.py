@@ -21,17 +21,16 @@ from mcap.writer import MCAP0_MAGIC
 
 from daq.allowance import MOST_DESCRIPTION_BYTES, Allowance
 from daq.errors import LogError
-from daq.log.chunks import LONGEST_RECORD_BYTES, MAXIMUM_CHUNK_BYTES, IndexedChunk, open_chunk
+from daq.log.chunks import LONGEST_RECORD_BYTES, MAXIMUM_CHUNK_BYTES, RECORD_HEAD, IndexedChunk, open_chunk
 from daq.log.records import CHECKSUM_OPCODE
 
 CUT = "it ends in the middle, as a crash leaves it"
-_RECORD = struct.Struct("<BQ")
 _COMPRESSION = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
 _LENGTH = 8
 _CHECKSUM_BYTES = 4
-_CHECKSUM_HEAD = _RECORD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES)
+_CHECKSUM_HEAD = RECORD_HEAD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES)
 _LENGTHS = {CHECKSUM_OPCODE: _CHECKSUM_BYTES, Opcode.FOOTER: 20}
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _WINDOW = 1 << 20
@@ -65,7 +64,7 @@ def metadata_and_chunks(descriptor: int, allowance: Allowance, note: Note) -> It
     """
     checksum, described = zlib.crc32(MCAP0_MAGIC), 0
     for position, opcode, record in _records(descriptor, allowance, note):
-        if opcode == CHECKSUM_OPCODE and int.from_bytes(record[_RECORD.size :], "little") != checksum:
+        if opcode == CHECKSUM_OPCODE and int.from_bytes(record[RECORD_HEAD.size :], "little") != checksum:
             note("the checksum of what stands before it is wrong", position)
         checksum = zlib.crc32(record, checksum)
         try:
@@ -88,7 +87,7 @@ def check_data(descriptor: int, allowance: Allowance, note: Note) -> None:
         if opcode == Opcode.DATA_END:
             ended = True
             # its content is the checksum: 0 where its writer made none
-            if int.from_bytes(record[_RECORD.size :], "little") not in (0, checksum):
+            if int.from_bytes(record[RECORD_HEAD.size :], "little") not in (0, checksum):
                 note("the checksum of its data is wrong", position)
         checksum = zlib.crc32(record, checksum)
     if not ended:
@@ -113,7 +112,7 @@ def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tupl
             # it may be the length of the record before that is wrong, and led past whole ones
             record, found = _next_whole_chunk(descriptor, before + 1, size, allowance)
             whole = position == size and opcode == CHECKSUM_OPCODE
-            end = os.pread(descriptor, _RECORD.size, max(size - _RECORD.size - _CHECKSUM_BYTES, 0))
+            end = os.pread(descriptor, RECORD_HEAD.size, max(size - RECORD_HEAD.size - _CHECKSUM_BYTES, 0))
             # where a checksum ends the file nothing was cut off: what leads elsewhere is wrong
             damaged = record or (end == _CHECKSUM_HEAD and not whole)
             note(f"a record is damaged (byte {position})" if damaged else str(error), position)
@@ -127,7 +126,7 @@ def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tupl
 
 def _content(record: bytes) -> ReadDataStream:
     stream = BytesIO(record)  # of the same memory
-    stream.seek(_RECORD.size)
+    stream.seek(RECORD_HEAD.size)
     return ReadDataStream(stream)
 
 
@@ -152,9 +151,9 @@ def read_summary(descriptor: int) -> Summary:
     summary, places, empty = Summary([], [], {}), list[int](), False
     for opcode, record in _summary_records(descriptor, position, size, footer):
         if opcode == Opcode.CHANNEL:
-            summary.declared.append(record[_RECORD.size :])
+            summary.declared.append(record[RECORD_HEAD.size :])
         elif opcode == Opcode.CHUNK_INDEX:
-            summary.chunks.append(_indexed(memoryview(record)[_RECORD.size :]))
+            summary.chunks.append(_indexed(memoryview(record)[RECORD_HEAD.size :]))
         elif opcode == Opcode.STATISTICS:
             empty = Statistics.read(_content(record)).channel_count == 0
         elif opcode == Opcode.METADATA_INDEX:
@@ -174,11 +173,11 @@ def _metadata_at(descriptor: int, places: list[int], size: int) -> Iterator[tupl
         described += len(record)
         if opcode != Opcode.METADATA or described > MOST_DESCRIPTION_BYTES:
             raise ValueError(f"no metadata at byte {place}, or without end")
-        room = max(place - _RECORD.size - _CHECKSUM_BYTES, 0)
+        room = max(place - RECORD_HEAD.size - _CHECKSUM_BYTES, 0)
         before = os.pread(descriptor, place - room, room)
         if before.startswith(_CHECKSUM_HEAD):  # as behind every record of ours
             _check_between(
-                descriptor, before, record, place, int.from_bytes(before[_RECORD.size :], "little")
+                descriptor, before, record, place, int.from_bytes(before[RECORD_HEAD.size :], "little")
             )
         metadata = Metadata.read(_content(record))
         yield metadata.name, metadata.metadata
@@ -189,8 +188,8 @@ def _check_between(descriptor: int, before: bytes, record: bytes, place: int, ch
 
     `checksum` is that of all up to `before`, which stands in front of it. A log of others has none.
     """
-    after = os.pread(descriptor, _RECORD.size + _CHECKSUM_BYTES, place + len(record))
-    told = int.from_bytes(after[_RECORD.size :], "little")
+    after = os.pread(descriptor, RECORD_HEAD.size + _CHECKSUM_BYTES, place + len(record))
+    told = int.from_bytes(after[RECORD_HEAD.size :], "little")
     ours = checksum or after.startswith(_CHECKSUM_HEAD)
     if ours and told != zlib.crc32(record, zlib.crc32(before, checksum)):
         raise ValueError(f"the checksum of what stands at byte {place} is wrong")
@@ -206,19 +205,19 @@ def _indexed(content: memoryview) -> IndexedChunk:
 
 
 def _record_at(descriptor: int, position: int, size: int) -> tuple[int, bytes]:
-    head = os.pread(descriptor, _RECORD.size, position)
-    if len(head) < _RECORD.size:
+    head = os.pread(descriptor, RECORD_HEAD.size, position)
+    if len(head) < RECORD_HEAD.size:
         raise ValueError(CUT)
-    opcode, length = _RECORD.unpack(head)
+    opcode, length = RECORD_HEAD.unpack(head)
     if opcode not in (*Opcode.__members__.values(), CHECKSUM_OPCODE):
         raise ValueError(f"there is no record of kind {opcode} (byte {position})")
     if length > LONGEST_RECORD_BYTES or length != _LENGTHS.get(opcode, length):
         raise ValueError(f"a record of {length} bytes (byte {position})")
-    if position + _RECORD.size + length > size:
+    if position + RECORD_HEAD.size + length > size:
         raise ValueError(CUT)
     if opcode == Opcode.FOOTER and position + _FOOTER_BYTES + len(MCAP0_MAGIC) != size:
         raise ValueError(f"an end in its middle (byte {position})")
-    return opcode, os.pread(descriptor, _RECORD.size + length, position)
+    return opcode, os.pread(descriptor, RECORD_HEAD.size + length, position)
 
 
 def _summary_records(descriptor: int, position: int, size: int, footer: bytes) -> Iterator[tuple[int, bytes]]:
@@ -260,8 +259,8 @@ def _chunk_at(descriptor: int, begin: int, size: int, allowance: Allowance) -> b
         return b""
     try:
         allowance.spend(unpacked=length)
-        content = os.pread(descriptor, fixed + _LENGTH + length - _RECORD.size, begin + _RECORD.size)
-        record = _RECORD.pack(Opcode.CHUNK, len(content)) + content
+        content = os.pread(descriptor, fixed + _LENGTH + length - RECORD_HEAD.size, begin + RECORD_HEAD.size)
+        record = RECORD_HEAD.pack(Opcode.CHUNK, len(content)) + content
         chunk = Chunk.read(_content(record))
         open_chunk(chunk, allowance, sealed=True)
     except LogError:  # more than may come of the file
