@@ -32,8 +32,9 @@ from numpy.typing import NDArray
 
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
+from daq.disk import write_whole
 from daq.errors import ConfigurationError, LogError
-from daq.log.writer import LogWriter, write_whole
+from daq.log.writer import LogWriter
 from drivers.ni_daq.channels import CardChannel
 from drivers.ni_daq.emulator.converter import AngleCount, Converter, EdgeCount, Measure, pulse_frequency
 from drivers.ni_daq.emulator.wiring import CounterWire, Input

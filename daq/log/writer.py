@@ -18,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from daq.block import LATEST, NS_PER_S, Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
+from daq.disk import sync_folder
 from daq.errors import RecorderFailed
 from daq.log import codec
 from daq.log.codec import embedded_schema
@@ -334,28 +335,3 @@ class _Indexes:
 
     def close(self) -> None:
         self._file.close()
-
-
-def sync_folder(folder: Path) -> None:
-    """Bring the names of its files to the disk; raises OSError."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Replace a file so that it is never half there, not even when the power fails."""
-    unfinished = path.with_name(f".{path.name}.new")
-    try:
-        with unfinished.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-        sync_folder(path.parent)
-    except OSError as error:
-        with suppress(OSError):
-            unfinished.unlink(missing_ok=True)
-        raise RecorderFailed(f"cannot write {path}: {error.strerror}") from error

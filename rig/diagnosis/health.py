@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 
+from daq.disk import write_whole
 from daq.errors import RattleError
 from daq.log.reader import LogReader
-from daq.log.writer import write_whole
 from rig.diagnosis.kept import digest_of, kept_arrays, setting_told, version_of
 from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
 from rig.ensembles import Simulated, cores, worker_processes

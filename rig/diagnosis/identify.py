@@ -17,6 +17,7 @@ import numpy as np
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
+from daq.disk import write_whole
 from daq.errors import (
     ConfigurationError,
     LogError,
@@ -25,7 +26,6 @@ from daq.errors import (
     SimulationFailed,
     UnphysicalParameter,
 )
-from daq.log.writer import write_whole
 from daq.quantity import Quantity, Setting
 from rig.diagnosis.experiments import options
 from rig.diagnosis.kept import kept_arrays, version_of

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -12,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
+from daq.disk import write_whole
 from daq.errors import RattleError
 from rig.files.faults import as_written, read_text
 
@@ -35,15 +35,7 @@ def change_bench(path: Path, changes: Sequence[Change]) -> None:
 
     Raises RattleError, and leaves the file as it is, where it is written so that this cannot be done.
     """
-    text = changed(read_text(path), changes, str(path))
-    beside = path.with_name(f".{path.name}.new")
-    try:
-        beside.write_text(text, encoding="utf-8")
-        with suppress(OSError):
-            beside.chmod(path.stat().st_mode)
-        os.replace(beside, path)
-    except OSError as error:
-        raise RattleError(f"cannot write {path}: {error.strerror}") from error
+    write_whole(path, changed(read_text(path), changes, str(path)).encode())
 
 
 def changed(text: str, changes: Sequence[Change], source: str = "bench") -> str:

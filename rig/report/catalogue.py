@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from daq.disk import write_whole
 from daq.errors import ConfigurationError, LogError, Problem
 from daq.log.reader import LogReader, Origin
-from daq.log.writer import write_whole
 from rig.report.record import RunRecord, scenario_facts
 from rig.report.summary import distance_to
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from daq.block import NS_PER_S
 from daq.clock import Clock
+from daq.disk import make_folder
 from daq.errors import RecorderFailed
 from daq.log.records import CALIBRATED, ClockRecord, Event, Gap, Impact
 from daq.recorder import Recorder
@@ -32,7 +33,7 @@ def new_log(folder: Path, name: str, clock: Clock) -> Path:
     plain = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-").lower()[:_LONGEST_NAME] or "run"
     run_id = f"{plain}_{started:%Y%m%d-%H%M%S}-{started.microsecond // 1000:03d}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     except OSError as error:
         raise RecorderFailed(f"cannot make {folder}: {error.strerror}") from error
     return folder / f"{run_id}.mcap"

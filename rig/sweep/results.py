@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from daq.disk import write_whole
 from daq.log.reader import Origin
-from daq.log.writer import write_whole
 from rig.files.scenario import Scenario
 from rig.files.sweep import Point, Sweep
 from rig.files.sweep_axes import Axis, numbers_of

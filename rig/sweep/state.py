@@ -13,8 +13,8 @@ from typing import Final, Literal
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
+from daq.disk import make_folder, write_whole
 from daq.errors import ConfigurationError, LogError, Problem, RattleError, RecorderFailed
-from daq.log.writer import write_whole
 from rig.files.bench import Bench
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
@@ -126,7 +126,7 @@ def check_unchanged(state: SweepState, now: Mapping[str, str], folder: Path) -> 
 def held(folder: Path) -> Iterator[None]:
     """Make the folder and keep other sweeps out of it; raises RattleError where one is at work."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         lock = (folder / ".lock").open("w")
     except OSError as error:
         raise RecorderFailed(f"cannot write into {folder}: {error.strerror}") from error

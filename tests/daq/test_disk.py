@@ -1,4 +1,4 @@
-"""What a sweep writes beside its logs is whole at every moment, whatever call fails."""
+"""What is written beside logs is whole at every moment, whatever call fails."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from daq.disk import make_folder, write_whole
 from daq.errors import RecorderFailed
-from daq.log.writer import write_whole
 
 
 @pytest.mark.parametrize(
@@ -37,3 +37,27 @@ def test_whatever_call_fails_it_is_one_error_and_nothing_is_half(
     assert list(tmp_path.iterdir()) == [path]
     write_whole(path, b"newer")
     assert path.read_bytes() == b"newer"
+
+
+def test_what_is_replaced_keeps_its_mode(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_bytes(b"old")
+    path.chmod(0o640)
+    write_whole(path, b"new")
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_the_name_of_each_folder_that_is_made_comes_to_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced, real = list[str](), os.fsync
+
+    def noting(descriptor: int) -> None:
+        synced.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noting)
+    make_folder(tmp_path / "lab" / "runs")
+    assert synced == [str(tmp_path / "lab"), str(tmp_path)]
+    make_folder(tmp_path / "lab" / "runs")
+    assert len(synced) == 2

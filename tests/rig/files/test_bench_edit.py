@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -83,10 +85,20 @@ def test_what_cannot_be_edited_is_said_and_stays(tmp_path: Path, text: str) -> N
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_file_is_written_whole(tmp_path: Path) -> None:
+def test_the_file_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(BENCH)
     change_bench(path, [Change("contact.force_upper", "inverted", True)])
     assert path.read_text() == BENCH.replace('range = "50 N"\n', 'range = "50 N"\ninverted = true\n')
     with pytest.raises(RattleError, match=r"no table of beam\.acceleration"):
         change_bench(path, [Change("beam.acceleration", "inverted", True)])
+
+    def failing(descriptor: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", failing)
+    before = path.read_text()
+    with pytest.raises(RattleError, match=f"^cannot write {path}: Input/output error$"):
+        change_bench(path, [Change("contact.force_upper", "inverted", False)])
+    assert path.read_text() == before
+    assert list(tmp_path.iterdir()) == [path]

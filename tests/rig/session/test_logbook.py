@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
 
+from daq.errors import RecorderFailed
 from daq.log.reader import LogReader
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
 from drivers.protocols.instrument import Notice
-from rig.session.logbook import Logbook, logged_by
+from rig.session.logbook import Logbook, logged_by, new_log
 from rig.session.motor import Motor
 from rig.stream import Stream
 from tests.rig.session.fakes import silent_screen
@@ -45,3 +48,14 @@ def test_a_trip_is_logged_when_it_was_although_the_wall_clock_was_set(tmp_path: 
         (trip,) = [event for event in reader.events() if event.source == "inverter"]
     assert trip.time_ns - began_ns == 2_000_000_000
     assert (trip.level, trip.code, trip.text) == ("error", "inverter.E.OC1", "it has tripped: E.OC1")
+
+
+def test_the_folder_of_a_log_is_on_the_disk_before_the_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(descriptor: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", failing)
+    with pytest.raises(RecorderFailed, match=r"^cannot make .*/lab/runs: Input/output error$"):
+        new_log(tmp_path / "lab" / "runs", "beam", SteppedClock())
