@@ -5,8 +5,9 @@ NumPy's .npz and .npy are read here as they are; MAT files of other programs han
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,28 +107,34 @@ def vector(array: NDArray[Any], name: str) -> NDArray[Any]:
 
 
 def read(path: Path, scratch: Scratch) -> Contents:
-    """Read the arrays of a file, or the fields of a structured array; raises LogError.
+    """Read the arrays of a file, or the fields of a structured array; raises LogError."""
+    arrays = Arrays(scratch)
+    with opened(path) as file:
+        for name, array in named(path, file):
+            arrays.add(name, array)
+        return arrays.contents()
+
+
+def named(path: Path, file: BinaryIO) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The arrays of a file, or the fields of a structured array, with their names.
 
     Nothing in the file is run: pickled objects are refused.
     """
-    arrays = Arrays(scratch)
-    with opened(path) as file:
-        loaded = np.load(file, allow_pickle=False)
-        if not isinstance(loaded, np.ndarray):
-            allowance = Allowance(path, file.fileno())
-            with loaded:
-                for each in loaded.zip.infolist():
-                    allowance.spend(held=each.file_size, records=1)
-                    with loaded.zip.open(each) as member:
-                        arrays.add(each.filename.removesuffix(".npy"), np.lib.format.read_array(member))
-        elif loaded.dtype.names is None:
-            arrays.add("array", loaded)
-        elif loaded.ndim != 1:
-            raise LogError(f"a structured array of {loaded.ndim} dimensions")
-        else:
-            for name in loaded.dtype.names:
-                arrays.add(name, loaded[name])
-        return arrays.contents()
+    loaded = np.load(file, allow_pickle=False)
+    if not isinstance(loaded, np.ndarray):
+        allowance = Allowance(path, file.fileno())
+        with loaded:
+            for each in loaded.zip.infolist():
+                allowance.spend(held=each.file_size, records=1)
+                with loaded.zip.open(each) as member:
+                    yield each.filename.removesuffix(".npy"), np.lib.format.read_array(member)
+    elif loaded.dtype.names is None:
+        yield "array", loaded
+    elif loaded.ndim != 1:
+        raise LogError(f"a structured array of {loaded.ndim} dimensions")
+    else:
+        for name in loaded.dtype.names:
+            yield name, loaded[name]
 
 
 FORMAT = FileFormat("numpy", (".npz", ".npy"), read)

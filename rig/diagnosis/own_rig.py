@@ -14,11 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 from threadpoolctl import threadpool_limits
 
-from daq.errors import DAMAGED, LogError, RattleError
+from daq.allowance import Allowance
+from daq.errors import LogError, RattleError
+from daq.formats.arrays import named
+from daq.formats.contents import opened
 from daq.log.reader import LogReader, begins_as_log
 from daq.plugins import plugins
 from rig.diagnosis.diagnose_runs import write_report
@@ -257,24 +261,35 @@ def columns_of(path: Path) -> Columns:
 
     Raises RattleError where it is none of these.
     """
-    try:
-        if begins_as_log(path):
-            return _of_log(path)
+    if begins_as_log(path):
+        return _of_log(path)
+    with opened(path) as file:
         if path.suffix == ".npz":
-            with np.load(path) as arrays:
-                return dict(arrays)
-        table = csv.read_csv(path)
-        return {name: table[name].cast("float64").to_numpy() for name in table.column_names}
-    except RattleError:
-        raise
-    except DAMAGED as error:
-        why = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise LogError(f"{path}: cannot be read as a table of numbers ({why})") from error
+            return dict(named(path, file))
+        return _of_csv(path, Allowance(path, file.fileno()))
+
+
+def _of_csv(path: Path, allowance: Allowance) -> Columns:
+    with csv.open_csv(path) as head:
+        names = head.schema.names
+    # whatever the first rows look like: 1 may be followed by 1.5
+    numbers = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()))
+    parts: dict[str, list[NDArray[np.floating]]] = {name: [np.empty(0)] for name in names}
+    if len(parts) < len(names):
+        raise LogError("columns of one name come twice")
+    with csv.open_csv(path, convert_options=numbers) as table:
+        for batch in table:
+            allowance.spend(held=batch.nbytes, records=len(names))
+            for name, cells in zip(names, batch.columns, strict=True):
+                parts[name].append(cells.to_numpy(zero_copy_only=False))
+    return {name: np.concatenate(each) for name, each in parts.items()}
 
 
 def _of_log(path: Path) -> Columns:
     with LogReader(path) as log:
-        table = log.table("measured")
+        table = log.table("measured", end_s=log.until_stop_s)
+    if not table:
+        raise LogError(f"{path}: nothing measured in it")
     first, *others = table.values()
     side = (first.sample_rate, first.first_sample, first.end_sample)
     if any((each.sample_rate, each.first_sample, each.end_sample) != side for each in others):

@@ -13,8 +13,15 @@ import numpy as np
 import pytest
 
 import rattle
+from daq.block import NS_PER_S, SampleBlock
+from daq.channel import Channel
+from daq.errors import LogError
+from daq.log.records import STOPPING, Event
+from daq.log.writer import LogWriter
 from rig.commands.cli import FAILED, WRONG_USE
+from rig.diagnosis.own_rig import columns_of
 from tests.fake_packages import install
+from tests.hostile import bounded
 from tests.own_rigs.conftest import TIMES, bouncing_ball
 from tests.rig.browser import browser_page, faults_of_report, needs_chromium
 from tests.rig.commands.cli import Call, caller
@@ -145,10 +152,52 @@ def test_a_name_that_something_else_has_and_files_that_are_no_tables_are_told(
     assert "is no Python file, and of installed subjects there is none" in said.err
     (folder / "my_ball.py").write_text(CODE)
     (folder / "words.csv").write_text("drop,time,height\n1,0,high\n")
-    for data, words in (("words.csv", "cannot be read as a table of numbers"), ("gone.csv", "gone.csv")):
+    for data, words in (("words.csv", "invalid value 'high'"), ("gone.csv", "gone.csv")):
         said = call("diagnose", "--subject", folder / "my_ball.py", folder / data, *out)
         assert said.code == FAILED
         assert words in said.err
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.npz", b"PK\x03\x04" + bytes(100)),
+        ("a.npz", b""),
+        ("a.csv", b""),
+        ("a.csv", b"time,time\n1,2\n"),
+        ("a.csv", b"time,height\n1,2\n3\n"),
+    ],
+)
+def test_files_that_are_no_tables_of_numbers_are_told(folder: Path, name: str, content: bytes) -> None:
+    (folder / name).write_bytes(content)
+    with pytest.raises(LogError, match=f"^{folder / name}: "):
+        columns_of(folder / name)
+
+
+def test_a_file_that_unpacks_to_far_more_than_it_is_is_refused(folder: Path) -> None:
+    np.savez_compressed(folder / "a.npz", height=np.zeros(1 << 27, np.uint8))
+    with bounded(), pytest.raises(LogError, match="more would come of it than of any honest recording"):
+        columns_of(folder / "a.npz")
+
+
+def test_a_table_may_begin_with_whole_numbers(folder: Path) -> None:
+    (folder / "a.csv").write_text("time,height\n" + "1,2\n" * (1 << 18) + "0.5,\n")
+    columns = columns_of(folder / "a.csv")
+    assert columns["time"][[0, -1]].tolist() == [1.0, 0.5]
+    assert np.isnan(columns["height"]).nonzero()[0].tolist() == [1 << 18]
+
+
+def test_an_own_rig_is_not_fitted_to_the_way_to_rest(folder: Path) -> None:
+    with LogWriter(folder / "a.mcap") as log:
+        log.declare("measured", Channel("height", "m"))
+        for second in range(3):
+            values = np.full(100, second, np.float32)
+            log.add_block(
+                "measured", SampleBlock("height", 100 * second, second * NS_PER_S, 100.0, values), 1
+            )
+        log.add_event(Event(2 * NS_PER_S, "warning", "rig", STOPPING, "stopped"))
+    columns = columns_of(folder / "a.mcap")
+    assert (len(columns["time"]), columns["height"].max()) == (200, 1.0)
 
 
 @pytest.mark.parametrize(
