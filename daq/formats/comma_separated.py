@@ -19,7 +19,7 @@ from typing import BinaryIO
 import pyarrow as pa
 from pyarrow import csv as arrow
 
-from daq.allowance import MOST_COLUMNS
+from daq.allowance import MOST_COLUMNS, Allowance
 from daq.block import NS_PER_S
 from daq.errors import LogError
 from daq.formats import description
@@ -130,7 +130,8 @@ def read(path: Path, scratch: Scratch) -> Contents:
                 rest = description.decode(first.removeprefix(_IMPACTS_MARK)).rest
             else:
                 file.seek(0)
-            return Contents((), replace(rest, impacts=from_csv(file.read().decode("utf-8-sig"))))
+            lines = (_checked(line, ",") for line, _ in _lines(file))
+            return Contents((), replace(rest, impacts=from_csv(lines, Allowance(path, file.fileno()))))
         file.seek(0)
         head = _head(file)
         described = description.decode(head.own) if head.own else None
@@ -254,10 +255,14 @@ def _lines(file: BinaryIO) -> Iterator[tuple[str, int]]:
             raise LogError(f"it is no text in UTF-8 (byte {at + error.start}); save it as such") from error
 
 
-def _cells(line: str, delimiter: str) -> list[str]:
+def _checked(line: str, delimiter: str) -> str:
     if line.count(delimiter) >= MOST_COLUMNS:
         raise LogError(f"its columns are more than the {MOST_COLUMNS} that are read")
-    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    return line
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    cells = [cell.strip() for cell in next(csv.reader([_checked(line, delimiter)], delimiter=delimiter), [])]
     if len(longest := max(cells, key=len, default="")) > _LONGEST_CELL:
         raise LogError(f"a cell of {len(longest)} characters is neither name nor number")
     return cells

@@ -59,8 +59,8 @@ _TO_COLUMNS = 4, 1, 3
 _CHUNK_BYTES, _DATA_PLACE, _DICTIONARY_PLACE = 7, 9, 11
 _UNPACKED_BYTES, _PACKED_BYTES = 2, 3
 """Fields in parquet.thrift: on the way from FileMetaData to ColumnMetaData, of that, and of PageHeader."""
-_A_PAGE = 4
-"""As many records as could be read in the time of its header."""
+_HEADER_BYTES = 4
+"""That take as long as a record. Each byte brings that once, however many columns point to it."""
 _STAMP = pa.timestamp("ns", tz="UTC")
 
 
@@ -170,7 +170,7 @@ def _check_pages(file: BinaryIO, allowance: Allowance) -> None:
                 page = Compact(data, at)
                 sizes = page.integers()
                 unpacked = max(sizes.get(_UNPACKED_BYTES, 0), 0)
-                allowance.spend(unpacked=unpacked, records=_A_PAGE)
+                allowance.spend(unpacked=unpacked, records=1 + (page.at - at) // _HEADER_BYTES)
                 largest = max(largest, unpacked)
                 at = page.at + max(sizes.get(_PACKED_BYTES, 0), 0)
             allowance.spend(held=largest, records=1)

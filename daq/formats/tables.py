@@ -18,7 +18,7 @@ from typing import IO, Any, get_args, get_type_hints
 import numpy as np
 import pyarrow as pa
 
-from daq.allowance import MOST_COLUMNS
+from daq.allowance import MOST_COLUMNS, Allowance
 from daq.errors import LogError, RattleError
 from daq.formats.contents import Column, Contents, TimeAxis, Warn, described_contents, new_file
 from daq.formats.description import Description
@@ -43,12 +43,22 @@ def columns_of(impacts: Sequence[Impact]) -> dict[str, list[Any]]:
 
 def impacts_of(columns: Mapping[str, Iterable[Any]]) -> list[Impact]:
     """The impacts of such columns; raises LogError where they are no such table."""
-    missing = [name for name in KINDS if name not in columns]
-    if missing:
-        raise LogError(f"its table of impacts has no column {', '.join(missing)}")
+    _check_names(columns)
     try:
-        typed = [[kind(value) for value in columns[name]] for name, kind in KINDS.items()]
-        return [Impact(*row) for row in zip(*typed, strict=True)]
+        return [_impact(row) for row in zip(*(columns[name] for name in KINDS), strict=True)]
+    except ValueError as error:
+        raise LogError(f"its table of impacts is damaged ({error})") from error
+
+
+def _check_names(names: Iterable[str]) -> None:
+    if missing := [name for name in KINDS if name not in names]:
+        raise LogError(f"its table of impacts has no column {', '.join(missing)}")
+
+
+def _impact(cells: Iterable[Any]) -> Impact:
+    """Of a row, its cells in the order of `KINDS`."""
+    try:
+        return Impact(*(kind(cell) for kind, cell in zip(KINDS.values(), cells, strict=True)))
     except (ValueError, TypeError, OverflowError) as error:
         raise LogError(f"its table of impacts is damaged ({error})") from error
 
@@ -62,16 +72,18 @@ def as_csv(impacts: Sequence[Impact]) -> str:
     return text.getvalue()
 
 
-def from_csv(text: str) -> list[Impact]:
-    """Read what `as_csv` wrote; raises LogError where it cannot be read."""
-    lines = csv.reader(io.StringIO(text))
-    names = next(lines, [])
-    rows = []
-    for row in lines:
+def from_csv(lines: Iterable[str], allowance: Allowance) -> list[Impact]:
+    """Read what `as_csv` wrote, in lines that are not too long; raises LogError where it cannot be read."""
+    rows = csv.reader(lines)
+    names = next(rows, [])
+    _check_names(names)
+    places, impacts = [names.index(name) for name in KINDS], []
+    for row in rows:
         if len(row) != len(names):
             raise LogError("a row of its table of impacts is cut short")
-        rows.append(row)
-    return impacts_of({name: [row[number] for row in rows] for number, name in enumerate(names)})
+        allowance.spend(records=2)
+        impacts.append(_impact(row[place] for place in places))
+    return impacts
 
 
 def impact_path(path: Path) -> Path:

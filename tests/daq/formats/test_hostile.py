@@ -18,6 +18,7 @@ import scipy.io
 from daq.errors import LogError
 from daq.formats.recording import TimeBase
 from daq.formats.samples import Scratch
+from daq.formats.tables import KINDS
 from tests.daq.formats.files import read
 from tests.hostile import bounded
 
@@ -86,6 +87,22 @@ def varint(number: int, length: int = 0) -> bytes:
     return bytes([number & 127 | 128]) + varint(number >> 7, length - 1)
 
 
+def parquet_whose_columns_share_a_header(path: Path) -> None:
+    """One long list in it, to which all of them point."""
+    structs = 1 << 18
+    header = b"\x19\xfc" + varint(structs) + bytes(structs) + b"\x00"
+
+    def number(value: int) -> bytes:
+        return varint(2 * value)
+
+    # in a ColumnChunk's field 3 a ColumnMetaData: all bytes of it (7), and where its pages are (9)
+    column = b"\x3c" + b"\x76" + number(len(header)) + b"\x26" + number(4) + b"\x00" + b"\x00"
+    columns = 20_000
+    row_group = b"\x19\xfc" + varint(columns) + column * columns + b"\x00"
+    footer = b"\x49\x1c" + row_group + b"\x00"
+    path.write_bytes(b"PAR1" + header + footer + struct.pack("<I", len(footer)) + b"PAR1")
+
+
 def tdms_of_empty_segments(path: Path) -> None:
     """After a segment of many objects, others that add none: each has all of them."""
     count = 2000
@@ -113,6 +130,7 @@ def tdms_of_empty_segments(path: Path) -> None:
         ("parquet", parquet_of_zeros),
         ("parquet", parquet_in_one_page),
         ("parquet", parquet_whose_footer_lies),
+        ("parquet", parquet_whose_columns_share_a_header),
     ],
 )
 def test_a_bomb_is_refused_before_it_is_unpacked(
@@ -173,8 +191,25 @@ def test_a_description_without_end_is_refused(tmp_path: Path, scratch: Scratch) 
 def test_impacts_of_empty_lines_are_refused_at_the_first(tmp_path: Path, scratch: Scratch) -> None:
     path = tmp_path / "run.impacts.csv"
     description = '{"rattle":1,"tracks":[],"metadata":{},"events":[],"gaps":null,"clocks":[]}'
-    path.write_text(f"# rattle impacts {description}\ntime_ns\n" + "\n" * 5_000_000)
+    path.write_text(f"# rattle impacts {description}\n{','.join(KINDS)}\n" + "\n" * 5_000_000)
     with bounded(64 << 20), pytest.raises(LogError, match="cut short"):
+        read(path, scratch)
+
+
+@pytest.mark.parametrize(
+    ("rest", "words"),
+    [
+        ("," * (1 << 25), "4096"),
+        ("," * 12 + "\n" + ("," * 12 + "\n") * (1 << 21), "has no column"),
+        (f",{','.join([*KINDS][3:])}\n" + ("," * (len(KINDS) - 1) + "\n") * (1 << 21), "damaged"),
+    ],
+)
+def test_what_begins_as_a_table_of_impacts_takes_no_more_than_another(
+    rest: str, words: str, tmp_path: Path, scratch: Scratch
+) -> None:
+    path = tmp_path / "run.impacts.csv"
+    path.write_text(",".join([*KINDS][:3]) + rest)
+    with bounded(), pytest.raises(LogError, match=words):
         read(path, scratch)
 
 
