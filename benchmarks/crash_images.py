@@ -15,11 +15,13 @@ import argparse
 import io
 import tempfile
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
+from mcap.exceptions import EndOfFile
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
@@ -61,7 +63,13 @@ class Recording:
     syncs: list[int] = field(default_factory=lambda: [0])
     sent: dict[tuple[str, int], bytes] = field(default_factory=dict)
     now_s: float = 0.0
-    first_chunk_end: int = 0
+    chunks: list[tuple[int, int]] = field(default_factory=list)
+    """Where each begins and ends in the file."""
+
+    def has_a_chunk(self, content: bytes) -> bool:
+        """Whether one stands whole where it was written."""
+        written = b"".join(write.data for write in self.writes)
+        return any(content[begin:end] == written[begin:end] for begin, end in self.chunks)
 
 
 class _Watched(io.FileIO):
@@ -116,11 +124,12 @@ def record(path: Path, seconds: float, rng: np.random.Generator, closed: bool = 
         else:
             for each in (log._file, log._indexes):  # the power failed
                 each.close()
-    with path.open("rb") as file:
-        ends = (
-            file.tell() for each in StreamReader(file, emit_chunks=True).records if isinstance(each, Chunk)
-        )
-        recording.first_chunk_end = next(ends)
+    with path.open("rb") as file, suppress(EndOfFile):  # without `closed` it has no footer
+        begin = file.tell()
+        for each in StreamReader(file, emit_chunks=True).records:
+            if isinstance(each, Chunk):
+                recording.chunks.append((begin, file.tell()))
+            begin = file.tell()
     return recording
 
 
@@ -170,8 +179,7 @@ def examine(image: Image, recording: Recording, folder: Path) -> str:
     try:
         report = recover_log(left, recovered)
     except LogError:
-        whole = b"".join(write.data for write in recording.writes)[: recording.first_chunk_end]
-        return "cannot be read" if image.content.startswith(whole) else "no whole chunk on the disk yet"
+        return "cannot be read" if recording.has_a_chunk(image.content) else "no whole chunk on the disk yet"
     if not report.sound:
         return "its recovered log is not sound"
     reached = dict.fromkeys(_RATES, 0.0)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks.crash_images import Image, count_images, examine, record
+from daq.errors import LogError
 
 IMAGES = 150  # 5,000 in the benchmark
 
@@ -36,3 +38,20 @@ def test_a_sample_that_was_never_sent_is_seen(tmp_path: Path) -> None:
     key = next(iter(recording.sent))
     recording.sent[key] = recording.sent[key][:-1] + b"\x00"
     assert examine(whole, recording, tmp_path) == "a sample that was not sent"
+
+
+def test_one_whole_chunk_anywhere_has_to_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = record(tmp_path / "log.mcap", 2.0, np.random.default_rng(3))
+    content = bytearray((tmp_path / "log.mcap").read_bytes())
+    (tmp_path / "log.mcap").unlink()
+
+    def fail(*_: Path) -> None:
+        raise LogError("nothing is found")
+
+    monkeypatch.setattr("benchmarks.crash_images.recover_log", fail)
+    *others, last = recording.chunks
+    for begin, end in others:
+        content[begin:end] = bytes(end - begin)
+    assert examine(Image(bytes(content), 0.0, 2.0), recording, tmp_path) == "cannot be read"
+    content[last[0]] ^= 1
+    assert examine(Image(bytes(content), 0.0, 2.0), recording, tmp_path) == "no whole chunk on the disk yet"
