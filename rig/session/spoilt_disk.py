@@ -6,6 +6,7 @@ import errno
 import io
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -15,11 +16,12 @@ from drivers.rehearsal import Rehearsal, Rehearsed
 
 
 class SpoiltFile(io.FileIO):
-    """A new file on a disk to which `faults` come, by time since it was opened."""
+    """A new file on a disk to which `faults` come, by time since it was opened; for several threads."""
 
     def __init__(self, path: Path, faults: Iterable[Rehearsed]) -> None:
         self._rehearsal, self._opened_s = Rehearsal(faults), time.monotonic()
-        self._room, self._rate = math.inf, math.inf
+        self._room, self._rate, self._stalls_until_s = math.inf, math.inf, 0.0
+        self._coming = threading.Lock()  # over faults that come, each of which comes once
         self._fails = set[str]()  # kinds of calls
         super().__init__(path, "xb")
 
@@ -47,18 +49,21 @@ class SpoiltFile(io.FileIO):
 
     def _meet(self, call: str) -> None:
         """What has come to the disk by now; raises OSError where this call fails by it."""
-        for fault in self._rehearsal.due(time.monotonic() - self._opened_s):
-            match fault.kind:
-                case "stalls":
-                    time.sleep(fault.number("for"))
-                case "slow":
-                    self._rate = fault.number("rate")
-                case "full":
-                    self._room = fault.number("bytes")
-                case "sync_fails" | "close_fails":
-                    self._fails.add(fault.kind.removesuffix("_fails"))
-                case _:
-                    self._fails.add("write")
+        now_s = time.monotonic()
+        with self._coming:
+            for fault in self._rehearsal.due(now_s - self._opened_s):
+                match fault.kind:
+                    case "stalls":
+                        self._stalls_until_s = now_s + fault.number("for")
+                    case "slow":
+                        self._rate = fault.number("rate")
+                    case "full":
+                        self._room = fault.number("bytes")
+                    case "sync_fails" | "close_fails":
+                        self._fails.add(fault.kind.removesuffix("_fails"))
+                    case _:
+                        self._fails.add("write")
+        time.sleep(max(self._stalls_until_s - now_s, 0.0))
         if call in self._fails:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import inspect
 import os
 import re
+import threading
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -209,6 +212,30 @@ def test_a_call_to_the_disk_fails(kind: str, tmp_path: Path) -> None:
                 call()
         else:
             call()
+
+
+def test_a_disk_that_stalls_keeps_every_call_waiting(tmp_path: Path) -> None:
+    """A sync and a write, whichever comes first."""
+    file = spoilt_disk.disk_of((rehearsed("disk.stalls:for=0.3"),))(tmp_path / "log")
+    begun_s = time.monotonic()
+    waited_s: dict[str, float] = {}
+
+    def call(name: str, act: Callable[[], object]) -> None:
+        act()
+        waited_s[name] = time.monotonic() - begun_s
+
+    def write() -> None:
+        file.write(b"x")
+        file.flush()
+
+    threads = [threading.Thread(target=call, args=each) for each in (("sync", file.fileno), ("write", write))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert min(waited_s.values()) >= 0.3
+    file.close()
+    assert time.monotonic() - begun_s < 2.0
 
 
 def test_a_card_that_overruns_says_so() -> None:
