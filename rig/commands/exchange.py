@@ -194,10 +194,9 @@ def import_files(
     from daq.formats.contents import Contents
     from daq.formats.recording import write_log
     from daq.formats.samples import Scratch
-    from daq.log.writer import LogWriter
     from rig.files.foreign import matched_to_rig
     from rig.files.scenario import load_scenario, parse_scenario
-    from rig.twin.prediction_file import removed_if_it_fails
+    from rig.twin.prediction_file import whole_log
 
     given = None if scenario_file is None else load_scenario(scenario_file)
     source = ", ".join(map(str, files))
@@ -224,8 +223,7 @@ def import_files(
             raise ConfigurationError(source, [Problem("--scenario", "(missing)", "the file carries none")])
         scenario = given or parse_scenario(text, f"scenario in {source}")
         recording = matched_to_rig(contents, scenario, answers, source, screen.warn)
-        writer = stack.enter_context(LogWriter(target))
-        stack.enter_context(removed_if_it_fails(target))
+        writer = stack.enter_context(whole_log(target))
         with screen.busy("writing", Work(f"import {files[0].suffix}", work.units)):
             write_log(_with_records(recording, scenario, files), writer)
 

@@ -98,7 +98,9 @@ def recover(
     log: RunFile, out: Annotated[Path, typer.Option("-o", metavar="FILE", help="The new log.")]
 ) -> None:
     from daq.log.recover import recover_log
+    from rig.files.pairing import check_room
 
+    check_room(out, log.stat().st_size)
     screen = Screen(Terminal())
     with _read("recovering", log, screen) as passing:
         report = recover_log(log, out, passing)

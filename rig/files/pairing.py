@@ -25,7 +25,7 @@ SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
 _LEAST_MOTOR_SETTLE_S = 1.0
 _ROUNDING = 1e-9
-_BYTES_PER_SAMPLE: Final = 4.3
+BYTES_PER_SAMPLE: Final = 4.3
 """Float32, and a twentieth for what stands around it. Noise is not compressed."""
 _NOTHING_SEEN: Final = (
     "none with a real actuator and an emulated card, which sees nothing of the real rig: a limit needs a "
@@ -124,7 +124,7 @@ def bytes_of(records: Iterable[AcquisitionSection], bench: Bench) -> float:
     samples = sum(each.sample_rate * each.duration for each in records)
     names = [channel.name for channel in bench.daq_card.channels]
     predicted = sum(unit_of(name) is not None for name in names)
-    return samples * (len(names) + predicted) * _BYTES_PER_SAMPLE
+    return samples * (len(names) + predicted) * BYTES_PER_SAMPLE
 
 
 def longest_s(wanted: AcquisitionSection, bench: Bench, free_bytes: float) -> float:
@@ -139,6 +139,13 @@ def no_room(log_bytes: float, free_bytes: float) -> Iterator[Problem]:
     if needed > free_bytes:
         allowed = f"{needed / 1e9:.1f} GB with 1 GiB to spare; make room or choose another --out"
         yield Problem("free disk space", f"{free_bytes / 1e9:.1f} GB", allowed)
+
+
+def check_room(target: Path, log_bytes: float) -> None:
+    """Raise ConfigurationError where a log of so many bytes, which nobody waits for, does not fit there."""
+    if log_bytes > (free := free_bytes(target.parent)):
+        allowed = f"{log_bytes / 1e9:.3f} GB; make room or name a file on another disk"
+        raise ConfigurationError(str(target), [Problem("free disk space", f"{free / 1e9:.3f} GB", allowed)])
 
 
 def free_bytes(folder: Path) -> float:

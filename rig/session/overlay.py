@@ -18,6 +18,7 @@ from daq.log.writer import LogWriter
 from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.model_file import load_model
+from rig.files.pairing import BYTES_PER_SAMPLE, check_room
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS
 from rig.session.pace import Work
@@ -26,7 +27,7 @@ from rig.stream import Block, Metadata, Record
 from rig.twin.chains import gauged
 from rig.twin.logged import align_to, followed_scenario, logged_twin, with_model
 from rig.twin.prediction import AlignedTwin
-from rig.twin.prediction_file import removed_if_it_fails, twin_record
+from rig.twin.prediction_file import twin_record, whole_log
 from rig.twin.scenario_twin import predicted_channels, with_effects
 from sim_twin.twin import AnyTwin
 
@@ -71,8 +72,10 @@ def overlay_run(
         if effects is not None:
             twins = {"predicted": with_effects(twin, effects), "nominal": twin}
         record_s = log.end_s("measured", next(iter(measured)))  # which may have ended before it was asked to
+        samples = len(twins) * len(measured) * record_s * scenario.acquisition.sample_rate
+        check_room(target, run.stat().st_size + samples * BYTES_PER_SAMPLE)
         told = stack.enter_context(_shown(screen, scenario, len(twins) * record_s, learnt is not None))
-        with LogWriter(target) as copy, removed_if_it_fails(target):
+        with whole_log(target) as copy:
             derived = _derivation(log, copy, scenario, twins)
             _copy(log, copy, derived)
             record = twin_record(effects, fitted)

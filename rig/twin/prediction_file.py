@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from daq.block import sample_time_ns
 from daq.log.writer import LogWriter
 from rig.files.faults import read_text
 from rig.files.model_file import ModelFile
+from rig.files.pairing import BYTES_PER_SAMPLE, check_room
 from rig.files.scenario import Scenario
 from rig.files.software import software
 from rig.twin.prediction import blocks_of, settling_s, skip
@@ -43,18 +44,19 @@ def write_prediction(
         phase = float(rng.uniform(0, 2 * np.pi))
         before = settling_s(twin, before)
     stream = model.stream(twin, rate, noise)
+    count, channels = round(scenario.acquisition.duration * rate), predicted_channels(twin)
+    check_room(path, count * len(channels) * BYTES_PER_SAMPLE)
     # without whole turns: by sample 0 a crank's angle is below one revolution
     cycles = phase / (2 * np.pi) + twin.drive.cycle_hz * before
     stream.drive(twin.drive, phase - float(2 * np.pi * np.floor(cycles)))
     skip(stream, round(before * rate))
-    with LogWriter(path) as log, removed_if_it_fails(path):
+    with whole_log(path) as log:
         log.add_metadata("scenario", {"toml": scenario.text})
         drawn = {} if seed is None else {"seed": str(seed)}
         log.add_metadata("run", {"id": path.stem, "started": "1970-01-01T00:00:00Z", **software(), **drawn})
         log.add_metadata("twin", twin_record(effects, fitted))
-        for channel in predicted_channels(twin):
+        for channel in channels:
             log.declare("predicted", channel)
-        count = round(scenario.acquisition.duration * rate)
         for block in blocks_of(stream, 0, count, start_ns=0):
             log.add_block("predicted", block, sample_time_ns(0, block.end_sample, rate))
             told(block.end_sample / rate)
@@ -72,10 +74,12 @@ def twin_record(effects: Path | None, model: ModelFile | None = None) -> dict[st
 
 
 @contextmanager
-def removed_if_it_fails(path: Path) -> Iterator[None]:
-    """A log that was not completed, by a failure or by a person, is not left behind as if it were whole."""
+def whole_log(path: Path) -> Iterator[LogWriter]:
+    """A new log: one that is not completed, by a failure or by a person, is not left behind as if it were."""
+    log = LogWriter(path).open()  # which leaves one alone that is there
     try:
-        yield
+        with closing(log):
+            yield log
     except BaseException:
         path.unlink(missing_ok=True)
         raise

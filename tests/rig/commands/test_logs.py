@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,10 +19,11 @@ from daq.log.front import read_summary
 from daq.log.records import Gap
 from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
+from rig.commands.cli import FAILED, WRONG_USE
 from rig.session.run import ENDS
 from tests.daq.log.logs import START_NS, block, write_ramp
 from tests.rig.commands.cli import Call
-from tests.rig.synthetic_run import SCENARIO
+from tests.rig.synthetic_run import SCENARIO, write_log
 
 ACQUISITION = '[acquisition]\nsample_rate = "1 kHz"\nduration = "7 s"\n'
 
@@ -215,3 +219,53 @@ def test_a_scenario_in_a_log_is_as_long_as_a_file_may_be(call: Call, tmp_path: P
     assert answer.code == 2
     assert "at most 4 MiB" in answer.err
     assert call("replay", path, "--speed", "0").code == 0
+
+
+def _made(command: str, folder: Path) -> tuple[object, ...]:
+    """A command that makes the new log `made.mcap`, and what it needs."""
+    scenario = folder / "s.toml"
+    scenario.write_text(f"{SCENARIO}{ACQUISITION.replace('7 s', '0.1 s')}")
+    if command == "predict":
+        return command, scenario, "--out", folder / "made.mcap"
+    log = write_log(folder / "run.mcap", 0.5, origins=["measured"], scenario=scenario.read_text())
+    if command == "import":
+        np.savez(folder / "a.npz", force=np.zeros(100), sample_rate=1000.0)
+        told = ("--rename", "force=contact.force_upper", "--unit", "force=N")
+        return command, folder / "a.npz", "--scenario", scenario, *told, "-o", folder / "made.mcap"
+    return command, log, "-o", folder / "made.mcap"
+
+
+@pytest.mark.parametrize("command", ["predict", "overlay", "recover", "import"])
+def test_what_a_full_disk_cuts_in_the_end_is_not_left_behind(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    asked = _made(command, tmp_path)
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("daq.log.writer.os.fdatasync", full)
+    answer = call(*asked)
+    assert answer.code == FAILED
+    assert "No space left" in answer.err
+    assert not (tmp_path / "made.mcap").exists()
+
+
+@pytest.mark.parametrize("command", ["predict", "overlay", "recover"])
+def test_what_does_not_fit_on_the_disk_is_refused_before(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    asked = _made(command, tmp_path)
+    monkeypatch.setattr("rig.files.pairing.shutil.disk_usage", lambda _: SimpleNamespace(free=100))
+    answer = call(*asked)
+    assert answer.code == WRONG_USE
+    assert "free disk space" in answer.err
+    assert not (tmp_path / "made.mcap").exists()
+
+
+@pytest.mark.parametrize("command", ["predict", "overlay", "recover", "import"])
+def test_a_log_that_is_there_stays(call: Call, tmp_path: Path, command: str) -> None:
+    asked = _made(command, tmp_path)
+    (tmp_path / "made.mcap").write_bytes(b"mine")
+    assert call(*asked).code != 0
+    assert (tmp_path / "made.mcap").read_bytes() == b"mine"
