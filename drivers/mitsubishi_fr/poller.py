@@ -8,6 +8,7 @@ running motor that nobody has looked after, and once a stop cannot be seen to wo
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
@@ -135,10 +136,10 @@ class Poller:
                 if isinstance(error, _GONE):
                     return  # a drive that comes back is a matter for a person
             except Exception as error:  # top of a task: a fault of ours must stop the motor like any other
-                self._begin_to_make_safe(
-                    self._motor.refused(f"its keeper failed: {type(error).__name__}: {error}")
-                )
-                show_fault(error)
+                what = f"its keeper failed: {type(error).__name__}: {error}"
+                await self._make_safe(self._motor.refused(what))
+                # nobody waits for a terminal that hangs, this loop least of all
+                threading.Thread(target=show_fault, args=(error,), daemon=True).start()
                 return
             self._looked_s = began_s
             # half as long beside a stop, whose own looks take their turns on the line

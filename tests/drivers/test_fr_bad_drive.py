@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
+from drivers.mitsubishi_fr import poller
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.emulator.drive import DriveFaults
 from drivers.mitsubishi_fr.frames import Request
@@ -242,3 +245,33 @@ def test_a_drive_that_is_busy_for_good_is_stopped_by_its_watchdog() -> None:
         assert bench.load.at(bench.loop.time()) == 0.0
 
     on_bench(work)
+
+
+def test_a_keeper_that_fails_stops_the_motor_before_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    read, shown = threading.Event(), threading.Event()
+
+    def stalled(error: BaseException | None) -> None:
+        read.wait(5.0)
+        shown.set()
+
+    async def work(bench: Bench) -> float:
+        async def fail() -> None:
+            raise ZeroDivisionError("a fault of ours")
+
+        await bench.run_at(HZ)
+        monkeypatch.setattr(bench.motor, "heed_stop_line", fail)
+        began_s = bench.loop.time()
+        error = await latched(bench, within_s=0.5)
+        assert isinstance(error, InstrumentRefused)
+        assert "its keeper failed: ZeroDivisionError" in str(error)
+        await bench.wait(2.0)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        return bench.withdrawn_s() - began_s
+
+    monkeypatch.setattr(poller, "show_fault", stalled)
+    try:
+        assert on_bench(work) < 0.5
+        assert not shown.is_set()
+    finally:
+        read.set()
+        assert shown.wait(5.0)
