@@ -33,7 +33,9 @@ _SEEN_TURNS, _SEEN_S = 8.0, 2.0
 _FEWEST_TURNS, _MEAN_S = 3, 1.0
 _MOST_TRIMS = 6
 _PROOF_SHARE, _PROOF_S = 0.125, 0.5
-"""Of the wanted speed, and for how long it is looked at: two of a card's readings, and their way."""
+"""Of the wanted speed, and for how long it has to be seen: two of a card's readings, and their way."""
+_PROOF_TURNS = 4.5
+"""After so many a marker has shown a speed: four marks, the first of them up to a turn away."""
 _BEYOND_ORDER, _FAINT = 1.5, 0.02
 """What motor and gearing may make of an order, and of the wanted speed besides: noise of a tachometer."""
 HELD_SHARE = 0.005
@@ -70,7 +72,7 @@ class Motor:
     on it, NaN where they do not show it. Only `start` changes the set value: while a run settles and records,
     it holds still, for every correction would be a disturbance in the record. What `proves` is a motor whose
     speed per volt is known from the bench file alone: it has to show an eighth of the speed before it is told
-    to go on, as far as an instrument shows one so slow.
+    to go on; one that no instrument shows has been given the time in which a faster one would have been.
     """
 
     def __init__(
@@ -177,16 +179,25 @@ class Motor:
         return order()
 
     def _prove(self) -> None:
-        """Raise InterlockTripped where the shaft is faster than ordered, before it is ordered more."""
+        """Raise InterlockTripped where the shaft is faster than ordered, before it is ordered more.
+
+        Unseen, for as long as one that is too fast may stay so: a slower one is proved by that.
+        """
         ordered_rpm = self._kept_rpm
+        most_rpm = _BEYOND_ORDER * ordered_rpm + _FAINT * self._wanted_rpm
         self._await_output()
-        for _ in range(round(_PROOF_S / _STEP_S)):
+        beyond = Debounced(OVERSPEED_S)
+        left_s, seen_s = _PROOF_TURNS * 60.0 / most_rpm + _PROOF_S, 0.0
+        while beyond.since_s is not None or (left_s > 0.0 and seen_s < _PROOF_S):
             rpm = self._look_on()
-        if abs(rpm) > _BEYOND_ORDER * ordered_rpm + _FAINT * self._wanted_rpm:
-            raise InterlockTripped(
-                f"interlock: the shaft turns at {rpm:.4g} rpm where {ordered_rpm:.4g} rpm is ordered: what a "
-                "volt makes in the bench file, the gearing"
-            )
+            fast, slow = abs(rpm) > most_rpm, abs(rpm) <= most_rpm  # neither, where nothing is shown
+            if beyond.look(self._clock.monotonic_s(), holds=fast, gone=slow) is not None:
+                raise InterlockTripped(
+                    f"interlock: the shaft turns at {rpm:.4g} rpm where {ordered_rpm:.4g} rpm is ordered: "
+                    "what a volt makes in the bench file, the gearing"
+                )
+            left_s -= _STEP_S
+            seen_s += _STEP_S * slow
 
     def _move_to(self, speed_rad_s: float) -> None:
         before_rpm, self._wanted_rpm = self._wanted_rpm, speed_rad_s * RPM_PER_RAD_S

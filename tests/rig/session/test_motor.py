@@ -263,6 +263,33 @@ def test_a_shaft_that_is_faster_than_its_volts_is_stopped_at_an_eighth_of_the_or
     assert [each[1] for each in drive.told if each[0] == "set_speed"] == pytest.approx([25.0])
 
 
+def test_a_shaft_that_its_marker_shows_late_is_proved_by_that() -> None:
+    drive = FakeDrive(SteppedClock(), slip=-3.0)
+    armed_s = drive.clock.now_s
+
+    def marker_rpm() -> float:
+        """Four marks at 100 rpm, and the way of a reading."""
+        return drive.shaft_rpm() if drive.clock.now_s - armed_s > 0.25 + 2.4 else math.nan
+
+    late = Motor(drive, RAD_S, drive.clock.sleep, marker_rpm, drive.clock, proves=True)
+    late.arm(soft=True)
+    with pytest.raises(InterlockTripped, match=r"turns at 100 rpm where 25 rpm is ordered"):
+        late.start(soft=True)
+    assert [each[1] for each in drive.told if each[0] == "set_speed"] == pytest.approx([25.0])
+
+
+@pytest.mark.parametrize("fast_s", [0.2, 0.4])
+def test_every_look_at_a_proof_counts_and_one_alone_does_not(fast_s: float) -> None:
+    drive = FakeDrive(SteppedClock())
+    began_s = drive.clock.now_s + 0.25 + 0.1  # its ramp
+    drive.ripple = lambda now_s: 60.0 if 0.0 <= now_s - began_s < fast_s else 0.0
+    if fast_s < OVERSPEED_S:
+        proved(drive)
+        return
+    with pytest.raises(InterlockTripped, match=r"turns at 85 rpm where 25 rpm is ordered"):
+        proved(drive)
+
+
 def test_a_shaft_that_is_too_slow_for_its_instrument_is_proved_by_nothing_and_goes_on() -> None:
     drive = FakeDrive(SteppedClock())
     slow = Motor(
