@@ -10,7 +10,6 @@ import fcntl
 import hashlib
 import os
 import re
-import socket
 import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,8 +17,11 @@ from multiprocessing.reduction import DupFd
 from typing import Any, Final
 
 from daq.errors import InstrumentRefused
+from drivers.protocols.instrument import HOST, by_number
 
 FOLDERS: Final = ("/run/lock", "/tmp")  # noqa: S108 - where every user of a machine can meet; no file is followed
+_DOORS: Final = re.compile(r"(,\d+)?::(502[45]::socket|((inst|hislip)\d+(,\d+)?::)?instr)$")
+"""Of one instrument on a network: VXI-11, HiSLIP, and SCPI as plain lines, for people and for programs."""
 _LONGEST: Final = 200  # bytes that are believed and shown of a file that anybody can write
 
 
@@ -146,16 +148,11 @@ def _names(address: str) -> list[str]:
     serial = re.fullmatch(r"(?:ASRL)?(/.+?)(?:::INSTR)?", address)
     if serial is not None:
         return list(dict.fromkeys([serial[1], os.path.realpath(serial[1])]))
-    name = address.casefold().replace("tcpip0::", "tcpip::")
-    host = re.match(r"(tcpip::|socket://)([^:/]+)", name)
-    if host is None:
+    name = re.sub(r"^tcpip\d+", "tcpip", address.casefold())  # a board is this machine's own way there
+    if HOST.match(name) is None:
         return [name]
-    resolved = host[2]
-    with suppress(OSError, UnicodeError):  # what is no name of a host either
-        resolved = socket.gethostbyname(host[2])
-    now = f"{host[1]}{resolved}{name[host.end() :]}"
-    # an instrument has two doors; other ports may be other instruments, of a serial server
-    return list(dict.fromkeys([name, re.sub(r"::(5025::socket|(inst0::)?instr)$", "", now)]))
+    # an instrument has several doors; other ports may be other instruments, of a serial server
+    return list(dict.fromkeys([name, _DOORS.sub("", by_number(name))]))
 
 
 def _opened(path: str) -> int:

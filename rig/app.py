@@ -16,6 +16,7 @@ from drivers.manual.settings import ManualMotorSettings, ManualSettings
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
+from drivers.protocols.instrument import by_number
 from drivers.scpi.settings import GeneratorSettings
 from drivers.scpi.supply_settings import SupplySettings
 from rig.emulation import NOTHING_EMULATED, STARTING, Emulated, emulated_bench, first_start
@@ -92,11 +93,11 @@ def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
 
     generator = bench.the(GeneratorSettings)
     settings = emulated.reached("signal_generator", generator)
-    make_generator = partial(INSTRUMENTS["signal_generator"].driver_of(settings), settings)
-    driver, off_s = make_generator(), settings.longest_off_s
+    make_generator = INSTRUMENTS["signal_generator"].driver_of(settings)
+    driver, off_s = make_generator(settings), settings.longest_off_s
     return Devices(
         driver,
-        partial(make_generator, off_first=True),
+        partial(make_generator, settings.at(by_number(settings.resource)), off_first=True),
         lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait, longest_stop_s=off_s),
         card_of(scenario, bench, emulated),
     )
@@ -123,11 +124,11 @@ def supplied(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
     from rig.session.motor import Motor
 
     settings = emulated.reached("dc_supply", bench.the(SupplySettings))
-    make_supply = partial(INSTRUMENTS["dc_supply"].driver_of(settings), settings)
-    supply = make_supply()
+    make_supply = INSTRUMENTS["dc_supply"].driver_of(settings)
+    supply = make_supply(settings)
     return Devices(
         supply,
-        partial(make_supply, off_first=True),
+        partial(make_supply, settings.at(by_number(settings.resource)), off_first=True),
         lambda wait, measured_rpm: Motor(supply, scenario.drive.speed, wait, measured_rpm, proves=True),
         card_of(scenario, bench, emulated),
         encoder_of(bench, emulated),

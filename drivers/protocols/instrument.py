@@ -3,7 +3,10 @@ measure beside the card; and that those without encryption are reached on this m
 
 from __future__ import annotations
 
+import re
+import socket
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -12,6 +15,8 @@ from daq.channel import Channel
 LOOPBACK_HOSTS: Final = ("127.0.0.1", "localhost", "[::1]", "::1")  # of a port without a password
 TUNNEL: Final = "127.0.0.1 (nothing is encrypted; reach other machines by an SSH tunnel)"
 _PORTS: Final = range(1, 65536)
+HOST: Final = re.compile(r"(tcpip\d*::|socket://)([^:/,]+)", re.IGNORECASE)
+"""How an address over a network begins."""
 
 
 def misplaced(address: str) -> str | None:
@@ -20,6 +25,17 @@ def misplaced(address: str) -> str | None:
     if host not in LOOPBACK_HOSTS:
         return f"{TUNNEL} and a port"
     return None if int(port) in _PORTS else "a port from 1 to 65535"
+
+
+def by_number(address: str) -> str:
+    """An address with its host as a number; as it is written where it has none, or nobody knows it now.
+
+    Who has to reach it at once asks no server for its name, which may be behind the very switch that is gone.
+    """
+    if (place := HOST.match(address)) is not None:
+        with suppress(OSError, UnicodeError):  # what is no name of a host either
+            return f"{place[1]}{socket.gethostbyname(place[2])}{address[place.end() :]}"
+    return address
 
 
 class Instrument(Protocol):

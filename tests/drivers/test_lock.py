@@ -54,6 +54,9 @@ def test_it_is_held_once_until_it_is_given_back_and_no_file_is_left(folder: Path
         ("TCPIP::localhost::5026::SOCKET", "TCPIP0::127.0.0.1::5026::SOCKET"),
         ("TCPIP::localhost::5025::SOCKET", "TCPIP::127.0.0.1::INSTR"),
         ("TCPIP::127.0.0.1::inst0::INSTR", "TCPIP::127.0.0.1::INSTR"),
+        ("TCPIP::127.0.0.1::inst0::INSTR", "TCPIP::localhost::hislip0::INSTR"),
+        ("TCPIP::127.0.0.1::hislip0,4880::INSTR", "TCPIP::127.0.0.1::5024::SOCKET"),
+        ("TCPIP1::127.0.0.1::5025::SOCKET", "TCPIP::127.0.0.1,111::inst0::INSTR"),
         ("socket://localhost:5020", "socket://127.0.0.1:5020"),
     ],
 )
