@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 
 from drivers.scpi import settings
 from drivers.scpi.instrument import ScpiSource
@@ -38,18 +39,18 @@ class ScpiGenerator(ScpiSource):
         self._set(settings.OFFSET, offset_v)
         self._amplitude_v, self._offset_v, self._triggered = amplitude_v, offset_v, triggered
         if triggered:
-            for choice in (*settings.TRIGGERED_BURST, settings.OUTPUT_ON):
-                self._choose(choice)
+            self._choose_promptly(time.monotonic(), *settings.TRIGGERED_BURST, settings.OUTPUT_ON)
 
     def start(self) -> None:
+        asked_s = time.monotonic()
         self._link.hurry(settings.MOVING_S)  # before anything moves
         # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
         # amplitude. Turning the output on lets it begin at whatever phase it has.
-        if not self._stopped and self._triggered:
-            self._link.write("*TRG")
+        if self._triggered and not self._stopped:
+            self._link.write("*TRG", asked_s + settings.MOVING_S)
             self._refuse_on_error("trigger")
-        elif not self._stopped:
-            self._choose(settings.OUTPUT_ON)
+        else:
+            self._choose_promptly(asked_s, settings.OUTPUT_ON)
         self._refuse_stopped()
 
     def set_frequency(self, frequency_hz: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -9,7 +10,7 @@ from functools import partial
 from itertools import cycle
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
-from drivers.scpi.settings import OUTPUT_OFF, Choice, Number, error_in
+from drivers.scpi.settings import MOVING_S, OUTPUT_OFF, Choice, Number, error_in
 
 LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
 
@@ -137,13 +138,24 @@ class ScpiSource:
             )
         return answer
 
-    def _choose(self, choice: Choice) -> None:
+    def _choose(self, choice: Choice, until_s: float = math.inf) -> None:
+        """Set it, by `until_s` (monotonic) or not at all."""
         self._kept[choice.command] = choice.agrees
-        self._link.write(f"{choice.command} {choice.word}")
+        self._link.write(f"{choice.command} {choice.word}", until_s)
         answer = self._link.query(f"{choice.command}?")
         self._refuse_on_error(f"{choice.name} = {choice.word}")
         if not choice.agrees(answer):
             raise self._refused(f"{choice.name} = {choice.word} reads back {answer!r}")
+
+    def _choose_promptly(self, asked_s: float, *choices: Choice) -> None:
+        """One after the other until it is stopped, each only while the order before it is fresh.
+
+        The first was asked for at `asked_s`, monotonic.
+        """
+        for choice in choices:
+            if not self._stopped:  # by another thread
+                until_s, asked_s = asked_s + MOVING_S, time.monotonic()
+                self._choose(choice, until_s)
 
     def _refuse_on_error(self, setting: str) -> None:
         errors = self._errors()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import select
 import socket
 import threading
@@ -87,9 +88,15 @@ class ScpiLink:
         if self._visa is not None:
             self._visa.timeout = self.timeout_s * 1e3
 
-    def write(self, command: str) -> None:
-        """Send one command. Raises `DeviceLost`."""
+    def write(self, command: str, until_s: float = math.inf) -> None:
+        """Send one command. Raises `DeviceLost`, and `InstrumentRefused` later than `until_s` (monotonic)."""
         with self._translated(command) as visa:
+            # A process that was frozen may wake up here, and whoever watched it has switched off and gone.
+            if (late_s := time.monotonic() - until_s) > 0.0:
+                what = f"{command} comes {late_s:.1f} s too late; it was not sent"
+                raise InstrumentRefused(
+                    self.instrument, self.resource, what, "the load of this machine", "late"
+                )
             visa.write(command)
 
     def query(self, command: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -99,13 +100,12 @@ class ScpiSupply(ScpiSource):
         return volts * self.config.rpm_per_volt
 
     def start(self) -> None:
+        asked_s = time.monotonic()
         self._link.hurry(MOVING_S)  # before anything moves
         if not self._stopped:
             self._set(n6900.WATCHDOG_DELAY, n6900.WATCHDOG_DELAY_S)
-            self._choose(n6900.WATCHDOG_ON)
         self._running = True
-        if not self._stopped:
-            self._choose(OUTPUT_ON)
+        self._choose_promptly(asked_s, n6900.WATCHDOG_ON, OUTPUT_ON)
         self._refuse_stopped()
         self._note("info", "supply.on", f"on, set to {self._set_v:.2f} V, {self._maximum_a:g} A at most")
 

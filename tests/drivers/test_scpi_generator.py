@@ -220,14 +220,37 @@ def test_a_start_that_overtakes_a_stop_is_taken_back(
     generator.arm_sine(20.0, 1.0, 0.0, triggered=False)
     choose = generator._choose
 
-    def overtaken(choice: Choice) -> None:
+    def overtaken(choice: Choice, until_s: float) -> None:
         generator.off()  # in another thread, just before
-        choose(choice)
+        choose(choice, until_s)
 
     monkeypatch.setattr(generator, "_choose", overtaken)
     with pytest.raises(InstrumentRefused, match="switched off while it was to start"):
         generator.start()
     assert generator._link.query("OUTP?").strip() == "0"
+
+
+@pytest.mark.parametrize("triggered", [False, True])
+def test_a_start_that_comes_late_moves_nothing(
+    generator: ScpiGenerator,
+    outputs: tuple[tuple[str, ...], Connection],
+    monkeypatch: pytest.MonkeyPatch,
+    triggered: bool,
+) -> None:
+    """As of a process that was stopped before the write, for longer than anybody watched it."""
+    while outputs[1].poll(0):  # what was told before
+        outputs[1].recv()
+    generator.arm_sine(20.0, 1.0, 0.0, triggered=triggered)
+    now_s, slept_s = time.monotonic, iter([0.0])  # when it was asked; a second later ever after
+    monkeypatch.setattr(time, "monotonic", lambda: now_s() + next(slept_s, 1.0))
+    with pytest.raises(InstrumentRefused, match="s too late; it was not sent") as caught:
+        generator.start()
+    assert caught.value.code == "late"
+    monkeypatch.undo()
+    generator.off()
+    while outputs[1].poll(0):
+        told = outputs[1].recv()
+        assert not told.on or (triggered and told.amplitude_v == 0.0)
 
 
 @pytest.mark.parametrize("way", [0, 1], ids=["TCP", "pty"])

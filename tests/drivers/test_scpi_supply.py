@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -143,6 +144,27 @@ def test_what_was_switched_off_by_another_thread_neither_starts_nor_changes(supp
         driver.set_speed(100.0)
     assert started(driver, 100.0) == pytest.approx(100.0)  # a run of its own begins by arming
     assert behind.outputs[-1].on
+
+
+@pytest.mark.parametrize("at", ["OUTP:PROT:WDOG:DEL 2", "OUTP:PROT:WDOG ON", "OUTP ON"])
+def test_a_start_that_took_too_long_before_it_was_sent_turns_nothing_on(
+    supply: Supply, monkeypatch: pytest.MonkeyPatch, at: str
+) -> None:
+    """As of a process that was stopped for a while, at whichever of its steps."""
+    driver, behind, server = supply
+    driver.arm(200.0)
+    write, now_s, slept_s = driver._link.write, time.monotonic, [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now_s() + slept_s[0])
+
+    def frozen(command: str, until_s: float = math.inf) -> None:
+        slept_s[0] += command == at
+        write(command, until_s)
+
+    monkeypatch.setattr(driver._link, "write", frozen)
+    with pytest.raises(InstrumentRefused, match=r"s too late; it was not sent"):
+        driver.start()
+    assert "OUTP ON" not in server.lines
+    assert not any(output.on for output in behind.outputs)
 
 
 @pytest.mark.parametrize("rpm", [350.1, -1.0, math.nan, math.inf])
