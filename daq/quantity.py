@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable, Iterator, KeysView, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from inspect import Parameter, signature
@@ -19,6 +20,10 @@ from typing import Annotated, Any, Final, TypeVar, Union, get_args, get_origin, 
 T = TypeVar("T")
 REQUIRED: Final = MISSING
 """The default of a setting that has none."""
+
+
+_TWO_UNITS: Final = {"rpm or rad/s": "rpm|rad/s", "deg or rad": "^(deg|rad)$", "m/s2 or g": "m/s2"}
+"""Of a speed and an acceleration also where something is for each of them, such as the volts of a sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +45,10 @@ class Quantity:
     usual: float | None = None
 
     @property
-    def wants_unit(self) -> bool:
-        """Whether there are two usual units, rpm and rad/s, so that a bare number is an error."""
-        return "rpm" in self.unit or "rad/s" in self.unit
+    def two_units(self) -> str:
+        """The two usual units of its kind, so that a bare number is an error; empty where there is one."""
+        unit = self.unit.replace("^", "")
+        return next((told for told, known in _TWO_UNITS.items() if re.search(known, unit)), "")
 
     def __str__(self) -> str:
         low, high = (f"{bound:g} {self.unit}".strip() for bound in (self.low, self.high))

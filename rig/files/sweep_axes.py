@@ -136,7 +136,7 @@ def _in_range(given: dict[str, Any], field: Field, key: str, faults: Faults) -> 
     (low, unit), (high, other) = written(first), written(last)
     if unit != other:
         low, high, unit = field.read(first), field.read(last), ""
-        if field.meaning.wants_unit:
+        if field.meaning.two_units:
             unit = field.meaning.unit
             low, high = low / si_factor(unit), high / si_factor(unit)
     if section.spacing == "log" and low * high <= 0:

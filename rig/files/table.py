@@ -117,8 +117,8 @@ def _in_si(quantity: Quantity, value: object) -> float:
         match value:
             case bool():
                 raise QuantityError("not a number")
-            case int() | float() if quantity.wants_unit:
-                raise QuantityError("the unit is missing")
+            case int() | float() if units := quantity.two_units:
+                raise QuantityError(f"the unit is missing: {units}")
             case int() | float():
                 si = float(value)
             case str():

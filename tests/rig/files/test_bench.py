@@ -143,7 +143,7 @@ def test_effects_path_starts_from_the_bench_file(tmp_path: Path) -> None:
     [
         ('kind = "acceleration_iepe"\nsensitivity = "98.0665 mV/g"\nrange = "50 g"', 0.01),
         ('kind = "acceleration_iepe"\nsensitivity = "10 mV/(m/s^2)"\nrange = "500 m/s^2"', 0.01),
-        ('kind = "voltage"\nsensitivity = 0.01\nrange = 500', 0.01),
+        ('kind = "voltage"\nsensitivity = "10 mV/(m/s2)"\nrange = "500 m/s2"', 0.01),
         ('kind = "charge_amplifier"\nsensitivity = "98.0665 pC/g"\ngain = "1 mV/pC"\nrange = "50 g"', 0.01),
     ],
 )

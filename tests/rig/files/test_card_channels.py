@@ -122,7 +122,28 @@ def test_a_bare_number_is_no_speed_of_a_tachometer(written: str, bare: str) -> N
     assert written in TACHOMETER
     key = f'daq_card.channels."motor.tachometer".{bare.split()[0]}'
     problem = only_problem(lambda: parse(TACHOMETER.replace(written, bare)), key)
-    assert problem.allowed.endswith("(the unit is missing)")
+    assert problem.allowed.endswith("(the unit is missing: rpm or rad/s)")
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "units"),
+    [
+        (
+            ACCELERATION + ENCODER + "index = true\ninitial_angle = 90\n",
+            "crank.angle.initial_angle",
+            "deg or rad",
+        ),
+        (MARKER + "angle = 37\n", "crank.marker.angle", "deg or rad"),
+        (ACCELERATION.replace('"400 g"', "4000"), "crank_frame.acceleration_y.range", "m/s2 or g"),
+        (ACCELERATION.replace('"10 mV/g"', "1e-3"), "crank_frame.acceleration_y.sensitivity", "m/s2 or g"),
+    ],
+)
+def test_a_bare_number_is_neither_an_angle_nor_an_acceleration(table: str, key: str, units: str) -> None:
+    channel, _, name = key.rpartition(".")
+    problem = only_problem(
+        lambda: parse_bench(HEAD + table, "bench", Path()), f'daq_card.channels."{channel}".{name}'
+    )
+    assert problem.allowed.endswith(f"(the unit is missing: {units})")
 
 
 def test_marker_and_tachometer_on_counters() -> None:

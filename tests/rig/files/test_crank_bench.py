@@ -189,6 +189,12 @@ def test_a_real_encoder_lags_as_it_does() -> None:
     assert problems["emulation.encoder_lag"].value == '"2 ms"'
 
 
+def test_where_an_encoder_is_mounted_is_told_with_its_unit() -> None:
+    told = "-360 deg to 360 deg (the unit is missing: deg or rad)"
+    text = "[encoder]\nemulated = true\nmounting = 5\n"
+    assert only_problem(lambda: parse(text), "encoder.mounting").allowed == told
+
+
 def test_every_fault_is_told_at_once() -> None:
     text = changed("station = 1", "station = 999").replace("node = 7", "node = 0")
     text = text.replace('"50 mV/g"', '"50 V/g"', 1).replace(

@@ -186,6 +186,24 @@ def test_every_fault_is_told_at_once() -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("text", "key", "units"),
+    [
+        (
+            '[limits."crank_frame.acceleration_y"]\nabort = 50',
+            'limits."crank_frame.acceleration_y".abort',
+            "m/s2 or g",
+        ),
+        ("[model]\nincline = 30", "model.incline", "deg or rad"),
+        ("[model]\ngravity = 1", "model.gravity", "m/s2 or g"),
+    ],
+)
+def test_a_bare_number_is_neither_an_angle_nor_an_acceleration(text: str, key: str, units: str) -> None:
+    scenario = (SCENARIOS / "planar_slider_crank.toml").read_text().replace("[model]", "[notes]")
+    problem = only_problem(lambda: parse_scenario(f"{scenario}\n{text}"), key)
+    assert problem.allowed.endswith(f"(the unit is missing: {units})")
+
+
 @pytest.mark.parametrize("key", ["warning", "abort"])
 def test_a_bare_number_is_no_limit_of_a_speed(key: str) -> None:
     text = (SCENARIOS / "spatial_slider_crank.toml").read_text()
@@ -194,7 +212,7 @@ def test_a_bare_number_is_no_limit_of_a_speed(key: str) -> None:
         f'limits."motor.tachometer".{key}',
     )
     assert problem.allowed.startswith("above 0 rad/s")
-    assert problem.allowed.endswith("(the unit is missing)")
+    assert problem.allowed.endswith("(the unit is missing: rpm or rad/s)")
     (limit,) = parse_scenario(f'{text}\n[limits."motor.tachometer"]\n{key} = "300 rpm"').limits
     assert getattr(limit, key) == pytest.approx(10 * math.pi)
 
