@@ -19,12 +19,11 @@ from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.order import FrameOrder, Placed, PositionFrame
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
-from drivers.protocols.instrument import Notice
+from drivers.protocols.instrument import MOST_NOTICES, Notice
 
 HEARTBEATS_MISSED = 3  # one or two may be late on a busy bus or machine
 _ATTENTIVE_S = 0.1
 """The link looks twice as often; what passes beyond that is a stall of this machine and no silence."""
-_MOST_NOTICES = 1000  # nobody may ask for them: the oldest go
 
 
 _MISSING, _UNREAD = "frames missing", "not read in time"
@@ -95,7 +94,7 @@ class PositionStream:
             frames.EMCY + self._node: self._emergency,
         }
         self._linux = settings.interface in frames.LINUX_INTERFACES
-        self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
+        self._notices: deque[Notice] = deque(maxlen=MOST_NOTICES)
         self._emergencies: tuple[Emergency, ...] = ()
         self._looked_s = self._unheard_s = self._beat_s = self._beat_stamp_s = (
             0.0  # s of the monotonic clock, but for the stamp of a beat

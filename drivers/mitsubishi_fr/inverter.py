@@ -13,11 +13,11 @@ from daq.errors import DeviceLost, EmergencyStop, InstrumentError, InstrumentRef
 from drivers.lock import lock
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.line import LineHealth, SerialLine
-from drivers.mitsubishi_fr.motor import Motor, Notices, OvertakenOrder
+from drivers.mitsubishi_fr.motor import Motor, OvertakenOrder
 from drivers.mitsubishi_fr.poller import Poller
 from drivers.mitsubishi_fr.registers import RUNNING_FREQUENCY
 from drivers.mitsubishi_fr.settings import InverterSettings, described, warnings
-from drivers.protocols.instrument import Notice
+from drivers.protocols.instrument import Notice, Notices
 from drivers.protocols.speed_drive import MotorState
 
 ORDER_S = 3.0  # an order that is not complete by then is an error, and nothing more of it is sent

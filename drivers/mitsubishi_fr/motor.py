@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.registers import Command, Status
 from drivers.mitsubishi_fr.settings import InverterSettings, Parameters, checked
-from drivers.protocols.instrument import Notice
+from drivers.protocols.instrument import Notices
 from drivers.protocols.speed_drive import MotorState
 
 STEP_S = 1.0  # within it a single message has to be answered
@@ -30,7 +29,6 @@ LOOK_AGAIN_S = 0.02  # the drive's own 20 ms again
 NOT_OBEYED = "not obeyed"
 TOLERANCE = 0.01  # of the due frequency
 SMALLEST_TOLERANCE_HZ = 0.1  # ten steps of the set value, where 1 % would be less
-MOST_NOTICES = 1000  # nobody may ask for them: the oldest go
 
 
 class OvertakenOrder(Exception):
@@ -100,20 +98,6 @@ class Errand:
             raise OvertakenOrder("a stop overtook it")
         if now_s > expires_s:
             raise OvertakenOrder("it came too late")
-
-
-class Notices:
-    """Notices with their time; the oldest go when nobody asks. One thread writes, another may take."""
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._notices: deque[Notice] = deque(maxlen=MOST_NOTICES)
-
-    def note(self, level: str, code: str, text: str) -> None:
-        self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))
-
-    def take(self) -> tuple[Notice, ...]:
-        return tuple(self._notices.popleft() for _ in range(len(self._notices)))
 
 
 class Motor:

@@ -24,8 +24,9 @@ from daq.errors import (
 )
 from drivers.mitsubishi_fr.conversation import DEVICE_FAILURE, Conversation
 from drivers.mitsubishi_fr.line import LineHealth
-from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor, Notices
+from drivers.mitsubishi_fr.motor import NOT_OBEYED, STANDSTILL_HZ, Motor
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings, problems
+from drivers.protocols.instrument import Notices
 from drivers.protocols.speed_drive import MotorState
 
 _GONE = (DeviceLost, InstrumentSilent)

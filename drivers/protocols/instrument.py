@@ -5,16 +5,20 @@ from __future__ import annotations
 
 import re
 import socket
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Protocol
 
 from daq.channel import Channel
+from daq.clock import Clock
 
 LOOPBACK_HOSTS: Final = ("127.0.0.1", "localhost", "[::1]", "::1")  # of a port without a password
 TUNNEL: Final = "127.0.0.1 (nothing is encrypted; reach other machines by an SSH tunnel)"
 _PORTS: Final = range(1, 65536)
+MOST_NOTICES: Final = 1000
+"""That wait to be taken: nobody may ask for them, and the oldest go then."""
 HOST: Final = re.compile(r"(tcpip\d*::|socket://)([^:/,]+)", re.IGNORECASE)
 """How an address over a network begins."""
 
@@ -65,6 +69,20 @@ class Notice:
     level: str
     code: str
     text: str
+
+
+class Notices:
+    """Notices with their time, until they are taken. One thread writes, another may take."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._kept: deque[Notice] = deque(maxlen=MOST_NOTICES)
+
+    def note(self, level: str, code: str, text: str) -> None:
+        self._kept.append(Notice(self._clock.monotonic_s(), level, code, text))
+
+    def take(self) -> tuple[Notice, ...]:
+        return tuple(self._kept.popleft() for _ in range(len(self._kept)))
 
 
 class Actuator(Instrument, Protocol):

@@ -7,10 +7,11 @@ import time
 
 from drivers.scpi import settings
 from drivers.scpi.instrument import ScpiSource
-from drivers.scpi.settings import GeneratorSettings, model_in
+from drivers.scpi.language import MOVING_S, OUTPUT_OFF, OUTPUT_ON, model_in
+from drivers.scpi.settings import GeneratorSettings
 
 KNOWN_MODELS = re.compile(r"33210A|33220A|335\d\d[AB]|336\d\d[AB]")
-_WATCHED = (settings.OUTPUT_ON, settings.SINE, settings.FREQUENCY, settings.AMPLITUDE, settings.OFFSET)
+_WATCHED = (OUTPUT_ON, settings.SINE, settings.FREQUENCY, settings.AMPLITUDE, settings.OFFSET)
 
 
 class ScpiGenerator(ScpiSource):
@@ -32,25 +33,25 @@ class ScpiGenerator(ScpiSource):
         self._check_range(settings.FREQUENCY, frequency_hz)
         self._reset()
         # The output first, so that nothing moves; load and unit before amplitudes, which depend on them.
-        for choice in (settings.OUTPUT_OFF, settings.SINE, settings.OPEN_CIRCUIT, settings.PEAK_TO_PEAK):
+        for choice in (OUTPUT_OFF, settings.SINE, settings.OPEN_CIRCUIT, settings.PEAK_TO_PEAK):
             self._choose(choice)
         self._set(settings.FREQUENCY, frequency_hz)
         self._set(settings.AMPLITUDE, 2.0 * amplitude_v)  # peak to Vpp
         self._set(settings.OFFSET, offset_v)
         self._amplitude_v, self._offset_v, self._triggered = amplitude_v, offset_v, triggered
         if triggered:
-            self._choose_promptly(time.monotonic(), *settings.TRIGGERED_BURST, settings.OUTPUT_ON)
+            self._choose_promptly(time.monotonic(), *settings.TRIGGERED_BURST, OUTPUT_ON)
 
     def start(self) -> None:
         asked_s = time.monotonic()
-        self._link.hurry(settings.MOVING_S)  # before anything moves
+        self._link.hurry(MOVING_S)  # before anything moves
         # A burst of infinite count that waits for its trigger: the sine begins at phase 0 with its full
         # amplitude. Turning the output on lets it begin at whatever phase it has.
         if self._triggered and not self._stopped:
-            self._link.write("*TRG", asked_s + settings.MOVING_S)
+            self._link.write("*TRG", asked_s + MOVING_S)
             self._refuse_on_error("trigger")
         else:
-            self._choose_promptly(asked_s, settings.OUTPUT_ON)
+            self._choose_promptly(asked_s, OUTPUT_ON)
         self._refuse_stopped()
 
     def set_frequency(self, frequency_hz: float) -> None:

@@ -10,7 +10,7 @@ from functools import partial
 from itertools import cycle
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
-from drivers.scpi.settings import MOVING_S, OUTPUT_OFF, Choice, Number, error_in
+from drivers.scpi.language import MOVING_S, OUTPUT_OFF, Choice, Number, error_in
 
 LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
 

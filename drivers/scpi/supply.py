@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
 from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentError
-from drivers.protocols.instrument import Notice
+from drivers.protocols.instrument import Notice, Notices
 from drivers.protocols.speed_drive import MotorState
 from drivers.scpi import supply_settings as n6900
 from drivers.scpi.instrument import ScpiSource
-from drivers.scpi.settings import MOVING_S, OUTPUT_OFF, OUTPUT_ON, model_in, number_in
+from drivers.scpi.language import MOVING_S, OUTPUT_OFF, OUTPUT_ON, model_in, number_in
 from drivers.scpi.supply_settings import Condition, SupplySettings, Trouble
 
 _SELDOM = (n6900.VOLTAGE.command, n6900.CURRENT.command, n6900.WATCHDOG_ON.command, n6900.CONDITION)
@@ -21,7 +20,6 @@ _LOOKS = tuple(
     look for each in _SELDOM for look in (OUTPUT_ON.command, n6900.MEASURED_V, n6900.TROUBLE, each)
 )
 """One exchange a look: two might take longer than a sequence may look at nothing else."""
-_MOST_NOTICES = 1000  # nobody may ask for them: the oldest go
 
 
 class ScpiSupply(ScpiSource):
@@ -39,7 +37,7 @@ class ScpiSupply(ScpiSource):
         self.state: MotorState | None = None
         self._running = self._limited = False
         self._set_v = self._volts = self._amperes = 0.0
-        self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
+        self._notices = Notices(self._clock)
 
     @property
     def step_rpm(self) -> float:
@@ -96,7 +94,7 @@ class ScpiSupply(ScpiSource):
         volts = round(rpm / self.config.rpm_per_volt / n6900.RESOLUTION_V) * n6900.RESOLUTION_V
         self._set(n6900.VOLTAGE, min(volts, self.config.maximum_v))
         self._set_v = volts
-        self._note("info", "supply.set", f"set to {volts:.2f} V")
+        self._notices.note("info", "supply.set", f"set to {volts:.2f} V")
         return volts * self.config.rpm_per_volt
 
     def start(self) -> None:
@@ -107,7 +105,9 @@ class ScpiSupply(ScpiSource):
         self._running = True
         self._choose_promptly(asked_s, n6900.WATCHDOG_ON, OUTPUT_ON)
         self._refuse_stopped()
-        self._note("info", "supply.on", f"on, set to {self._set_v:.2f} V, {self._maximum_a:g} A at most")
+        self._notices.note(
+            "info", "supply.on", f"on, set to {self._set_v:.2f} V, {self._maximum_a:g} A at most"
+        )
 
     def off(self) -> None:
         """Turn the output off and see that it is; then its watchdog, which would disturb a person there."""
@@ -143,7 +143,7 @@ class ScpiSupply(ScpiSource):
                 limited = bool(self._register(n6900.CONDITION) & Condition.CONSTANT_CURRENT)
                 if limited and not self._limited:
                     text = f"the motor takes all {self._maximum_a:g} A that the bench allows: is it blocked?"
-                    self._note("warning", "supply.current_limit", text)
+                    self._notices.note("warning", "supply.current_limit", text)
                 self._limited = limited
             case _:
                 self._watch(look)
@@ -152,7 +152,7 @@ class ScpiSupply(ScpiSource):
         return ()
 
     def take_notices(self) -> tuple[Notice, ...]:
-        return tuple(self._notices.popleft() for _ in range(len(self._notices)))
+        return self._notices.take()
 
     @property
     def _maximum_a(self) -> float:
@@ -199,6 +199,3 @@ class ScpiSupply(ScpiSource):
         if not 0.0 <= value <= 0xFFFF:
             raise self._refused(f"{query} is answered with {value:g}, which is no register of 16 bits")
         return int(value)
-
-    def _note(self, level: str, code: str, text: str) -> None:
-        self._notices.append(Notice(self._clock.monotonic_s(), level, code, text))

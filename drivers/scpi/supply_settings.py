@@ -14,7 +14,7 @@ from enum import IntFlag
 from typing import Annotated, Any, ClassVar, Literal
 
 from daq.quantity import Key, Quantity, rule
-from drivers.scpi.settings import VISA_ADDRESS, Choice, Number, longest_off_s, reachable
+from drivers.scpi.language import VISA_ADDRESS, Choice, Number, longest_off_s, reachable
 
 KNOWN_MODELS = re.compile(r"N[67]9[57]\dA")
 HIGHEST_V, HIGHEST_A = 160.0, 200.0  # of any model's rating
@@ -109,7 +109,7 @@ class SupplySettings:
 
     @property
     def longest_off_s(self) -> float:
-        """See `drivers.scpi.settings.longest_off_s`."""
+        """See `drivers.scpi.language.longest_off_s`."""
         return longest_off_s(self.resource)
 
     @property

@@ -23,7 +23,7 @@ from drivers.mitsubishi_fr.emulator.drive import (
 from drivers.mitsubishi_fr.emulator.line_faults import Disturbance, LineFaults
 from drivers.mitsubishi_fr.frames import READ, Answer, Request, checksum, find_answer, what_was_heard
 from drivers.mitsubishi_fr.line import LineHealth, NoAnswer
-from drivers.mitsubishi_fr.motor import Motor, Notices
+from drivers.mitsubishi_fr.motor import Motor
 from drivers.mitsubishi_fr.poller import Poller
 from drivers.mitsubishi_fr.registers import (
     FIRST_NUMBER,
@@ -34,6 +34,7 @@ from drivers.mitsubishi_fr.registers import (
     Command,
 )
 from drivers.mitsubishi_fr.settings import NO_FUNCTION, InverterSettings
+from drivers.protocols.instrument import Notices
 from drivers.protocols.speed_drive import MotorOutput
 
 T = TypeVar("T")

@@ -21,8 +21,8 @@ from drivers.emulator_process import EmulatedInstrument
 from drivers.protocols.generator import DriveGenerator, DriveSettings
 from drivers.scpi.emulator.process import SourceSetup, start_function_generator
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
+from drivers.scpi.language import Choice
 from drivers.scpi.link import ScpiLink
-from drivers.scpi.settings import Choice
 
 DEADLINE_S = 5.0
 

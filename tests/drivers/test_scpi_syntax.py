@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.protocols.generator import DriveSettings
 from drivers.scpi.emulator.agilent_33220a import Emulated33220A
-from drivers.scpi.settings import error_in, model_in, number_in
+from drivers.scpi.language import error_in, model_in, number_in
 
 WORDS = st.sampled_from(
     """*IDN? *RST *CLS *TRG *OPC? SYST:ERR? FREQ FREQ? VOLT VOLT:OFFS VOLT:UNIT PHAS OUTP OUTP:LOAD BURS:MODE
