@@ -122,8 +122,8 @@ def record(path: Path, seconds: float, rng: np.random.Generator, closed: bool = 
         if closed:
             log.close()
         else:
-            for each in (log._file, log._indexes):  # the power failed
-                each.close()
+            log._file.close()  # the power failed
+            log._indexes.close()
     with path.open("rb") as file, suppress(EndOfFile):  # without `closed` it has no footer
         begin = file.tell()
         for each in StreamReader(file, emit_chunks=True).records:
