@@ -43,6 +43,7 @@ class Fault:
 
 
 _MAY_BE_ON = "exit 1; THE DRIVE MAY STILL BE ON; with a real one, a process goes on trying"
+_STOPPED = "exit 3, `emergency_stop...`; the next run asks a person"
 _LOST = "exit 1 within a second, the instrument named; drive off; what it owed is in /gap"
 _WATCHDOG_STOPS = "exit 1; THE MOTOR MAY STILL TURN: its watchdog stops it"
 _COUNTED = "the run goes on; what is missing is in /gap with its cause, and counted in `encoder.frames`"
@@ -66,6 +67,11 @@ def _faults_of(source: str) -> dict[str, Fault]:
         f"{source}.stale_answer": Fault(
             "F30", "an old answer and half of one lie in its buffer", "the run goes on", at_start=True
         ),
+        f"{source}.endless_errors": Fault("F30", "its error queue has no end", _REFUSED, at_start=True),
+        f"{source}.garbled": Fault(
+            "F30", "a `share` of its answers is garbled; 1: all", _MAY_BE_ON, {"share": 1.0}
+        ),
+        f"{source}.stays_on": Fault("F9", "takes the word to go off and stays on", _MAY_BE_ON),
     }
 
 
@@ -100,6 +106,16 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "inverter.stuck": Fault("F9", "keeps its speed, whatever it is told", "exit 1; THE MOTOR MAY STILL TURN"),
     "inverter.drop": Fault(
         "F10", "a `share` of the answers is lost; 1: all", _WATCHDOG_STOPS, {"share": 1.0}
+    ),
+    "inverter.set_by_another": Fault(
+        "F33", "its set value is turned to `hz` by another program", _DRIVE_STOPS, {"hz": 3.0}
+    ),
+    "inverter.wrong_parameter": Fault(
+        "F3", "parameter `number` is set to `value`; Pr.122: no watchdog", _REFUSED,
+        {"number": 122.0, "value": 9999.0}, at_start=True,
+    ),
+    "inverter.stop_pressed": Fault(
+        "E", "the emergency stop on its [emergency_stop] terminal is pressed", _STOPPED
     ),
     "inverter.trips": Fault(
         "F13", "trips; `code` 16 is E.OC1", "exit 1, event `inverter.E...`; nobody resets it", {"code": 16.0}
@@ -142,8 +158,10 @@ FAULTS: Final[Mapping[str, Fault]] = {
         {**_ONE_INPUT, "height": 1.0, "for": 1.0},
     ),
     "daq_card.stop_pressed": Fault(
-        "E", "the emergency stop on its [emergency_stop] line is pressed",
-        "exit 3, `emergency_stop...`; the next run asks a person",
+        "E", "the emergency stop on its [emergency_stop] line is pressed", _STOPPED
+    ),
+    "daq_card.wrong_module": Fault(
+        "F3", "the module of its first channel sits in another slot", _REFUSED, at_start=True
     ),
     "encoder.unplugged": Fault("F1", "its process is gone", _LOST),
     "encoder.hang_up": Fault("F2", "its CAN server closes the connection and takes a new one", _LOST),
@@ -175,6 +193,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     ),
     "encoder.pre_operational": Fault("F29", "is back in pre-operational", _LOST),
     "encoder.restart": Fault("F29", "boots anew", _LOST),
+    "disk.open_fails": Fault("F17", "no log can be opened on it", _REFUSED, at_start=True),
     "disk.stalls": Fault("F14", "takes nothing `for` s", "nothing is lost", {"for": 10.0}),
     "disk.slow": Fault(
         "F15",

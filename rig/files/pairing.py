@@ -76,8 +76,9 @@ def nowhere(bench: Bench) -> Iterator[Problem]:
         if "channel" in fault.known and not any(name.endswith(fault.channel) for name in names):
             allowed = f"a channel of the card ({', '.join(names)})"
             yield Problem("emulation.faults", text, allowed)
-        if fault.kind == "stop_pressed" and bench.daq_card.stop_line is None:
-            yield Problem("emulation.faults", text, "a bench with [emergency_stop] on a line of the card")
+        if fault.kind == "stop_pressed" and bench.instruments[fault.table].stop_line is None:
+            where = "a line of the card" if fault.table == "daq_card" else "a terminal of the inverter"
+            yield Problem("emulation.faults", text, f"a bench with [emergency_stop] on {where}")
 
 
 def too_late(scenario: Scenario, bench: Bench) -> Iterator[str]:

@@ -72,4 +72,10 @@ def disk_of(faults: tuple[Rehearsed, ...]) -> Callable[[Path], IO[bytes]]:
     """How a new log is opened on such a disk; any other where nothing comes to it."""
     if not faults:
         return lambda path: path.open("xb")
+    if any(fault.kind == "open_fails" for fault in faults):
+        return _refuse
     return lambda path: io.BufferedWriter(SpoiltFile(path, faults))
+
+
+def _refuse(path: Path) -> IO[bytes]:
+    raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))

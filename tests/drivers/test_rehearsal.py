@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from daq.errors import ConfigurationError
 from drivers.canopen_cia406.emulator import encoder
 from drivers.canopen_cia406.emulator import process as encoder_process
+from drivers.mitsubishi_fr.emulator import process as inverter_process
 from drivers.mitsubishi_fr.emulator import server
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS
 from drivers.ni_daq.emulator import spoilt, wiring
@@ -31,7 +32,7 @@ EVERYWHERE = {"unplugged", "hangs"}
 SOURCES = {
     "signal_generator": (generator_process,),
     "dc_supply": (generator_process,),
-    "inverter": (server,),
+    "inverter": (server, inverter_process),
     "encoder": (encoder, encoder_process),
     "daq_card": (wiring, spoilt),
     "disk": (spoilt_disk,),

@@ -24,6 +24,7 @@ SHAFT = {f"daq_card.{kind}" for kind in ("rolls_over", "marks_missing", "marks_d
 """Of the card, but of what only a crank has on it."""
 COMES_S = {"daq_card": 3.0, "signal_generator": 2.0, "disk": 0.5}
 """After the first use of an instrument, within the record of a beam."""
+STOP_LINES = {"daq_card": "cDAQ1Mod4/port0/line0", "inverter": "inverter/RH"}
 ON_A_CRANK_S, ON_A_SUPPLY_S = 4.5, 13.0
 """Up to speed, and trimmed: what is turned on a supply before that is set anew by the next trim."""
 
@@ -40,7 +41,7 @@ def played(fault: Rehearsed, folder: Path) -> tuple[Path, Path]:
     tables = [fault.table] if fault.table in ("dc_supply", "encoder") else []
     bench = "".join(f"[{table}]\nemulated = true\n" for table in tables)
     if fault.kind == "stop_pressed":
-        bench += '[emergency_stop]\nline = "cDAQ1Mod4/port0/line0"\n'
+        bench += f'[emergency_stop]\nline = "{STOP_LINES[fault.table]}"\n'
     (folder / "bench.toml").write_text(f'{bench}[emulation]\nseed = 7\nfaults = ["{text}"]\n')
     file = folder / "scenario.toml"
     seconds = 12.0 if fault.table == "dc_supply" else 4.0  # it comes up slowly, and trims

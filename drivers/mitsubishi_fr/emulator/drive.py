@@ -76,11 +76,15 @@ class DriveFaults:
 
 @dataclass(frozen=True, slots=True)
 class InverterSetup:
-    """How the drive is set (raw values by Pr. number), what is wrong with it, and what is to come."""
+    """How the drive is set (raw values by Pr. number), what is wrong with it, and what is to come.
+
+    `stop_terminal` is the input that a contact of the emergency stop is on.
+    """
 
     parameters: Mapping[int, int] = field(default_factory=dict)
     faults: DriveFaults = field(default_factory=DriveFaults)
     rehearsed: tuple[Rehearsed, ...] = ()
+    stop_terminal: Terminal = NO_TERMINAL
 
 
 class Unanswered(Exception):
@@ -142,7 +146,7 @@ class EmulatedDrive:
     """
 
     def __init__(self, setup: InverterSetup, load: MotorLoad, now: Callable[[], float]) -> None:
-        self.faults = setup.faults
+        self.faults, self._stop_terminal = setup.faults, setup.stop_terminal
         self._load, self._now = load, now
         self._parameters = PARAMETERS | dict(setup.parameters)
         self._set = self._eeprom = 0  # raw, 0.01 Hz
@@ -186,6 +190,10 @@ class EmulatedDrive:
     def trip(self, code: int) -> None:
         """Trip now, with any code but that of the watchdog: the output is off at once."""
         self._indicate(code, self._now())
+
+    def press_stop(self) -> None:
+        """Press the emergency stop, of whose chain the drive shows a contact alone."""
+        self.faults = replace(self.faults, terminals=self.faults.terminals ^ self._stop_terminal)
 
     def access(self, first: int, count: int, values: Sequence[int] | None) -> list[int] | ExcCodes:
         """Read `count` registers from the manual's number `first` on, or write `values` into them.

@@ -80,9 +80,13 @@ def matching_setup(
         fr.ACCELERATION_TIME: fr.ACCELERATION_TIME.raw(ramp_s),
         fr.DECELERATION_TIME: fr.DECELERATION_TIME.raw(ramp_s),
     }
-    on = NO_TERMINAL
+    terminal = on = NO_TERMINAL
     if (line := settings.stop_line) is not None:
         raw[fr.TERMINAL_FUNCTIONS[line.terminal]] = NO_FUNCTION
-        on = fr.Terminal[line.terminal] if line.healthy else NO_TERMINAL  # nobody presses it
+        terminal = fr.Terminal[line.terminal]
+        on = terminal if line.healthy else NO_TERMINAL  # nobody presses it
     parameters = {register.number - fr.PARAMETERS: value for register, value in raw.items()}
-    return InverterSetup(parameters, DriveFaults(terminals=on), rehearsed=rehearsed)
+    for fault in rehearsed:
+        if fault.kind == "wrong_parameter":
+            parameters[int(fault.number("number"))] = int(fault.number("value"))
+    return InverterSetup(parameters, DriveFaults(terminals=on), rehearsed, terminal)

@@ -23,7 +23,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from drivers.mitsubishi_fr.emulator.drive import DriveFaults, EmulatedDrive, Unanswered
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS, Disturbance, LineFaults
 from drivers.mitsubishi_fr.frames import WRITE, intact
-from drivers.mitsubishi_fr.registers import FIRST_NUMBER
+from drivers.mitsubishi_fr.registers import FIRST_NUMBER, RUNNING_FREQUENCY
 from drivers.rehearsal import Rehearsal, Rehearsed
 
 REGISTERS = 2000  # 40001 to 42000: all that an FR-D700 has; the drive says which of them it really has
@@ -175,6 +175,10 @@ class InverterServer:
             )
         elif kind == "trips":
             self.drive.trip(int(fault.number("code")))
+        elif fault.kind == "stop_pressed":
+            self.drive.press_stop()
+        elif fault.kind == "set_by_another":
+            self.drive.access(RUNNING_FREQUENCY.number, 1, [RUNNING_FREQUENCY.raw(fault.number("hz"))])
         elif kind == "stuck":
             self.drive.put_faults(replace(faults, stuck=True))
         elif kind == "forgets":

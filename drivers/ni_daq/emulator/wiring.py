@@ -21,6 +21,7 @@ DIVISORS = range(1, 32)  # n of 51.2 kHz / n
 EXCITATION_A = 0.002  # A; the NI 9234 has this and no other
 _INPUT = re.compile(r"[A-Za-z][A-Za-z0-9_-]*/ai[0-9]{1,3}")
 _COUNTER = re.compile(r"[A-Za-z][A-Za-z0-9_-]*/ctr[0-9]{1,3}")
+_OTHER_SLOT = "cDAQ1Mod8/"
 _MODULE = re.compile(r"(.+)Mod[0-9]+")
 
 
@@ -167,6 +168,10 @@ def spoilt(wiring: CardWiring) -> CardWiring:
             )
             shorted = fault.kind == "short"
             wires[physical] = replace(wires[physical], connected=shorted, shorted=shorted)
+        elif fault.kind == "wrong_module":
+            slot = next(iter(wires)).partition("/")[0] + "/"
+            wires = {name.replace(slot, _OTHER_SLOT): wire for name, wire in wires.items()}
+            counters = {name.replace(slot, _OTHER_SLOT): each for name, each in counters.items()}
         elif fault.kind == "clock_off":
             clock_ppm = fault.number("ppm")
         elif fault.kind == "rolls_over":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import pty
+import re
 import selectors
 import socket
 import tty
@@ -28,6 +29,8 @@ from drivers.scpi.emulator.keysight_n6900 import EmulatedN6900
 from drivers.scpi.supply_settings import Trouble
 
 INPUT_BUFFER = 65536  # bytes; beyond, -363 and all of it is dropped
+_OFF = re.compile(r"(OUTP(UT)?(:STAT(E)?)? (OFF|0)|\*RST)", re.IGNORECASE)
+_GARBLED = {code: code ^ 0x40 for code in range(0x20, 0x7F)}  # a bit of each character is wrong
 _LOOK_S = 0.02  # how late a rehearsed fault or a watchdog may come
 OUTPUT_BUFFER = 65536  # bytes; beyond, -430 (IEEE 488.2: deadlocked) and all of it is dropped
 
@@ -54,6 +57,8 @@ class ScpiServer:
         rehearsed: tuple[Rehearsed, ...] = (),
     ) -> None:
         self._instrument, self._stale_answer = instrument, stale_answer
+        self._endless_errors = any(fault.kind == "endless_errors" for fault in rehearsed)
+        self._stays_on, self._garbled_share = False, 0.0
         self._supply = instrument if isinstance(instrument, EmulatedN6900) else None  # which time trips too
         self._to_come, self._look_s = Rehearsal(rehearsed), _LOOK_S if rehearsed or self._supply else None
         self.used_s = math.inf  # monotonic s of the first output: faults count from there
@@ -106,6 +111,10 @@ class ScpiServer:
                 self._instrument.run(f"VOLT {fault.number('volts')}")
             elif fault.kind == "trips" and self._supply is not None:
                 self._supply.trip(Trouble.OVER_TEMPERATURE)
+            elif fault.kind == "stays_on":
+                self._stays_on = True
+            elif fault.kind == "garbled":
+                self._garbled_share = fault.number("share")
         if self._supply is not None:
             self._supply.look()
 
@@ -145,12 +154,23 @@ class ScpiServer:
         *lines, rest = port.received.split(b"\n")  # half a message waits for its end
         port.received = bytearray(rest)
         for line in lines:
-            answer = self._instrument.run(line.decode("latin-1").strip("\r"))
+            answer = self._run(line.decode("latin-1").strip("\r"))
             if answer is not None:
                 self._answer(port, answer.encode("ascii", "replace") + b"\n")
         if len(port.received) > INPUT_BUFFER:
             port.received.clear()
             self._instrument.report(CommandError(-363))
+
+    def _run(self, line: str) -> str | None:
+        """What the instrument makes of a line, as far as nothing is wrong with it."""
+        if self._stays_on and _OFF.fullmatch(line):
+            return None
+        if self._endless_errors and line == "SYST:ERR?":
+            return f'-113,"{CommandError(-113)}"'
+        answer = self._instrument.run(line)
+        if answer is not None and self._to_come.lot.random() < self._garbled_share:
+            return answer.translate(_GARBLED)
+        return answer
 
     def _answer(self, port: _Port, data: bytes) -> None:
         if len(port.pending) + len(data) > OUTPUT_BUFFER:

@@ -74,6 +74,21 @@ def test_a_fault_of_a_channel_that_is_not_there_is_refused(fault: str) -> None:
         check_pair(parse_scenario(SOUND), bench, TODAY)
 
 
+@pytest.mark.parametrize(
+    ("table", "line", "allowed"),
+    [
+        ("daq_card", "inverter/RH", "a line of the card"),
+        ("inverter", "cDAQ1Mod4/port0/line0", "a terminal of the inverter"),
+    ],
+)
+def test_an_emergency_stop_is_rehearsed_where_its_line_is(table: str, line: str, allowed: str) -> None:
+    text = f'[emergency_stop]\nline = "{line}"\n[emulation]\nfaults = ["{table}.stop_pressed@5"]\n'
+    bench = parse_bench(text, "x", Path(), "planar_slider_crank")
+    scenario = parse_scenario(Setting(1, 1, 200).scenario(2.0))
+    told = only_problem(lambda: check_pair(scenario, bench, TODAY), "emulation.faults").allowed
+    assert told == f"a bench with [emergency_stop] on {allowed}"
+
+
 def unseen_bench() -> Bench:
     """A real generator whose beam an emulated card cannot see."""
     text = RIGS["impact_beam"].bench
