@@ -200,8 +200,9 @@ class EncoderRecord:
         except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
             self.error = AcquisitionFault(f"encoder stopped by {type(error).__name__}: {error}")
             self.error.__cause__ = error
-            show_fault(error)
         self._due_s = math.inf  # it has ended, and cannot be late any more
+        if isinstance(self.error, AcquisitionFault):
+            show_fault(self.error.__cause__)
 
     def _stretch(self, block: PositionBlock, low: int, high: int) -> _Stretch:
         number = int(block.number[low])

@@ -18,6 +18,7 @@ from daq.errors import DeviceLost, InterlockTripped
 from daq.time_base.clocks import CardClock
 from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, PositionStatistics
 from drivers.protocols.instrument import Notice
+from rig.session import encoder_record
 from rig.session.acquisition import AcquisitionFault
 from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
 from rig.session.interlock import guards_of_shaft
@@ -345,6 +346,19 @@ def test_a_clock_that_drifts_or_is_set_is_said_and_moves_no_sample(ppm: float, s
     shared = min(len(drifted), len(right))
     assert abs(len(drifted) - len(right)) <= 2  # where the record ends is by its clock
     assert np.array_equal(drifted[:shared], right[:shared])
+
+
+def test_a_fault_of_ours_that_waits_to_be_told_is_not_late_besides(monkeypatch: pytest.MonkeyPatch) -> None:
+    def angle(taken_s: Array) -> Array:
+        if taken_s[0] > 0.0:
+            raise ZeroDivisionError("a fault")
+        return steady(taken_s)
+
+    due_s, lab = list[float](), Lab(angle=angle)
+    monkeypatch.setattr(encoder_record, "show_fault", lambda error: due_s.append(lab.record._due_s))
+    with lab.record:
+        lab.advance(2)
+    assert due_s == [math.inf]
 
 
 def test_a_fault_of_ours_is_told_though_the_terminal_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
