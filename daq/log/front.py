@@ -28,6 +28,7 @@ CUT = "it ends in the middle, as a crash leaves it"
 _COMPRESSION = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
+_CHUNK_CHECKSUM = slice(_BEFORE_COMPRESSION.size - 4, _BEFORE_COMPRESSION.size)
 _LENGTH = 8
 _CHECKSUM_BYTES = 4
 _CHECKSUM_HEAD = RECORD_HEAD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES)
@@ -79,19 +80,27 @@ def metadata_and_chunks(descriptor: int, allowance: Allowance, note: Note) -> It
             note(f"a record of kind {opcode} is damaged ({type(error).__name__})", position)
 
 
-def check_data(descriptor: int, allowance: Allowance, note: Note) -> None:
-    """Tell `note` where the frame of a log, or the checksum of all before its summary, is wrong."""
-    checksum, ended = zlib.crc32(MCAP0_MAGIC), False
+def check_data(descriptor: int, allowance: Allowance, note: Note) -> int:
+    """Tell `note` where the frame of a log, or the checksum of all before its summary, is wrong.
+
+    Returns how many chunks neither that nor one of their own covers.
+    """
+    checksum, ended, unchecked = zlib.crc32(MCAP0_MAGIC), False, 0
     position = 0
     for position, opcode, record in _records(descriptor, allowance, note):
         if opcode == Opcode.DATA_END:
             ended = True
             # its content is the checksum: 0 where its writer made none
-            if int.from_bytes(record[RECORD_HEAD.size :], "little") not in (0, checksum):
+            told = int.from_bytes(record[RECORD_HEAD.size :], "little")
+            if told not in (0, checksum):
                 note("the checksum of its data is wrong", position)
+            unchecked = 0 if told else unchecked
+        elif opcode == Opcode.CHUNK:
+            unchecked += not any(record[_CHUNK_CHECKSUM])
         checksum = zlib.crc32(record, checksum)
     if not ended:
         note("nothing says where its data ends", position)
+    return unchecked
 
 
 def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tuple[int, int, bytes]]:

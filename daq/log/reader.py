@@ -308,9 +308,12 @@ class LogReader:
         """Whether messages of a topic were written, by the index; without one they may have been."""
         return self._indexed is None or self.last_ns(topic, -1) > 0
 
-    def check_frame(self) -> None:
-        """Read the whole file from its front and note in `damage` where its framing or checksum is wrong."""
-        check_data(self._file.fileno(), self.allowance(), self._note)
+    def check_frame(self) -> int:
+        """Read the whole file from its front and note in `damage` where its framing or checksum is wrong.
+
+        Returns how many chunks no checksum covers.
+        """
+        return check_data(self._file.fileno(), self.allowance(), self._note)
 
     def _read_summary(self) -> None:
         summary = read_summary(self._file.fileno())

@@ -38,14 +38,19 @@ class TopicReport:
     samples: int
     missing: int
     sequence_breaks: int
-    """Blocks out of sequence, or with samples that came before."""
+    repeats: int
+    """Blocks with samples that came before."""
     unaccounted: int
     """Samples that are missing and in no gap, or in a gap and not missing."""
+
+    @property
+    def sound(self) -> bool:
+        return not (self.sequence_breaks or self.repeats or self.unaccounted)
 
 
 @dataclass(frozen=True, slots=True)
 class LogReport:
-    """What `verify_log` found; `sound` means complete, no checksum wrong, no gap outside the ledger."""
+    """What `verify_log` found; `sound` means complete, no checksum wrong or absent, no gap out of the ledger."""
 
     path: Path
     complete: bool
@@ -63,6 +68,8 @@ class LogReport:
     """Samples that were not in it any more, by its own count."""
     untold: tuple[str, ...] = ()
     """Topics of it of which no block was left: how many samples they had nothing tells."""
+    unchecked: int = 0
+    """Chunks that no checksum covers, as another program may leave them."""
 
     @property
     def whole(self) -> bool:
@@ -71,9 +78,17 @@ class LogReport:
 
     @property
     def sound(self) -> bool:
-        """True if nothing is damaged and exactly what is missing of each topic is in the gap ledger."""
-        wrong = any(topic.sequence_breaks or topic.unaccounted for topic in self.topics)
-        return self.complete and not self.damage and not wrong
+        """True if nothing is damaged, or could be unseen, and just what is missing of each topic is told."""
+        return self._nothing_wrong and not self.unchecked
+
+    @property
+    def unverified(self) -> bool:
+        """True if nothing is wrong as far as can be seen, where samples may be wrong and nothing shows it."""
+        return self._nothing_wrong and self.unchecked > 0
+
+    @property
+    def _nothing_wrong(self) -> bool:
+        return self.complete and not self.damage and all(topic.sound for topic in self.topics)
 
 
 def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> LogReport:
@@ -81,7 +96,7 @@ def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> L
 
     `passing` hears how many bytes have been read.
     """
-    damage = ""
+    damage, unchecked = "", 0
     state: dict[str, _Account] = {}
     with LogReader(path) as log:
         log.passing = passing
@@ -91,7 +106,7 @@ def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> L
                 account.add(message.topic, message.sequence, message.data)
             log.passing = lambda _: None
             gaps = log.gaps()
-            log.check_frame()
+            unchecked = log.check_frame()
         except LogError as error:
             damage, gaps = str(error), []
         ledger: dict[str, list[_Span]] = {}
@@ -108,7 +123,18 @@ def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> L
         told = origin.get("damage", "")
         damage, untold = damage or log.damage, tuple(origin.get("untold", "").splitlines())
         return LogReport(
-            path, log.complete, damage, reports, missing, seconds, told, whole, size, lost, untold
+            path,
+            log.complete,
+            damage,
+            reports,
+            missing,
+            seconds,
+            told,
+            whole,
+            size,
+            lost,
+            untold,
+            unchecked,
         )
 
 
@@ -126,7 +152,7 @@ class _Account:
     """Running account of one topic."""
 
     def __init__(self) -> None:
-        self.messages = self.samples = self.breaks = 0
+        self.messages = self.samples = self.breaks = self.repeats = 0
         self.next_sample = 0
         self.seconds = 0.0
         self.holes: list[_Span] = []
@@ -138,7 +164,7 @@ class _Account:
         if not topic.startswith(_SAMPLE_TOPICS):
             return
         block = decode_block(topic, data)
-        self.breaks += block.first_sample < self.next_sample
+        self.repeats += block.first_sample < self.next_sample
         if block.first_sample > self.next_sample:
             self.holes.append((self.next_sample, block.first_sample))
         self.samples += len(block)
@@ -155,7 +181,9 @@ class _Account:
         told = [(first, min(end, self.next_sample)) for first, end in gaps if first < self.next_sample]
         missing = sum(end - first for first, end in self.holes)
         unaccounted = _apart(self.holes, told)
-        return TopicReport(topic, self.messages, self.samples, missing, self.breaks, unaccounted)
+        return TopicReport(
+            topic, self.messages, self.samples, missing, self.breaks, self.repeats, unaccounted
+        )
 
 
 def _apart(some: list[_Span], others: list[_Span]) -> int:

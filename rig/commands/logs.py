@@ -115,7 +115,8 @@ def _show(report: LogReport, as_json: bool) -> None:
     from daq.log.reader import LogReader
 
     if as_json:
-        print_json({**dataclasses.asdict(report), "path": str(report.path), "sound": report.sound})
+        verdicts = {"sound": report.sound, "unverified": report.unverified}
+        print_json({**dataclasses.asdict(report), "path": str(report.path), **verdicts})
     else:
         table = Table(box=None, pad_edge=False)
         table.add_column("topic", min_width=max((len(each.topic) for each in report.topics), default=0))
@@ -151,8 +152,12 @@ def _verdict(report: LogReport, log: LogReader) -> str:
         return f"{reaches}; cut short ({report.damage or 'no end'}): rattle recover"
     if not samples:
         return f"{reaches}: nothing was recorded"
+    if report.unverified:
+        none = f"{report.unchecked} of its chunks have no checksum that would show damage"
+        return f"{reaches}: UNVERIFIED, {none}"
     if not report.sound:
-        return f"{reaches}: NOT SOUND, {report.damage or 'samples are missing outside the ledger'}"
+        untold = "samples are missing outside the ledger, or come twice"
+        return f"{reaches}: NOT SOUND, {report.damage or untold}"
     if not report.recovered_from:
         return f"{reaches}: sound"
     part = f"{report.whole_bytes / 1e6:.2f} of {report.size_bytes / 1e6:.2f} MB of "

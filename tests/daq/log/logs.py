@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, Header
-from mcap.writer import MCAP0_MAGIC
+from mcap.writer import MCAP0_MAGIC, Writer
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.channel import Channel
+from daq.log.codec import embedded_schema, encode_block
 from daq.log.writer import LogWriter
 
 RATE = 1000.0
@@ -51,4 +52,19 @@ def crashed_file(path: Path, *chunks: Chunk) -> Path:
     for chunk in chunks:
         chunk.write(builder)
     path.write_bytes(MCAP0_MAGIC + builder.end())
+    return path
+
+
+def write_foreign(path: Path, crc_of_chunks: bool = False, crc_of_data: bool = False) -> Path:
+    """Two blocks in two chunks as another program may write them, with checksums or none."""
+    with path.open("wb") as file:
+        writer = Writer(file, enable_crcs=crc_of_chunks, enable_data_crcs=crc_of_data)
+        writer.start(library="another")
+        schema = writer.register_schema("rattle.SampleBlock", "protobuf", embedded_schema("SampleBlock"))
+        channel = writer.register_channel("/measured/a", "protobuf", schema, {"unit": "N"})
+        for number in range(2):
+            data = encode_block(block(number))
+            writer.add_message(channel, START_NS, data, START_NS, sequence=number)
+            writer.flush()
+        writer.finish()
     return path

@@ -29,7 +29,7 @@ from daq.log.reader import LogReader
 from daq.log.records import Gap
 from daq.log.recover import LOST, recover_log, verify_log
 from daq.log.writer import LogWriter
-from tests.daq.log.logs import BLOCK, START_NS, block, crashed_file, host_ns, write_ramp
+from tests.daq.log.logs import BLOCK, START_NS, block, crashed_file, host_ns, write_foreign, write_ramp
 
 CUTS = 40
 FLIPS = 150
@@ -283,6 +283,32 @@ def test_only_a_gap_of_just_these_samples_accounts_for_them(
     report = verify_log(path)
     assert sum(topic.unaccounted for topic in report.topics) == unaccounted
     assert report.sound == (unaccounted == 0)
+
+
+def test_samples_that_come_twice_are_no_break_of_the_sequence(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        log.declare("measured", Channel("a", "N"))
+        for again in (block(0), block(0), block(1)):
+            log.add_message("/measured/a", encode_block(again), START_NS, START_NS)
+    report = verify_log(path)
+    (topic,) = report.topics
+    assert (topic.repeats, topic.sequence_breaks, topic.unaccounted) == (1, 0, 0)
+    assert not report.sound
+
+
+@pytest.mark.parametrize(
+    ("of_chunks", "of_data", "unchecked"), [(False, False, 2), (True, False, 0), (False, True, 0)]
+)
+def test_a_log_of_others_without_checksums_is_unverified(
+    tmp_path: Path, of_chunks: bool, of_data: bool, unchecked: int
+) -> None:
+    path = write_foreign(tmp_path / "log.mcap", of_chunks, of_data)
+    report = verify_log(path)
+    assert report.unchecked == unchecked
+    assert report.unverified == (unchecked > 0)
+    assert report.sound == (unchecked == 0)
+    assert recover_log(path, tmp_path / "recovered.mcap").sound
 
 
 def test_a_recovery_that_is_broken_off_leaves_nothing_that_looks_whole(

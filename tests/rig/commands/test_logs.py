@@ -21,7 +21,7 @@ from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
 from rig.commands.cli import FAILED, WRONG_USE
 from rig.session.run import ENDS
-from tests.daq.log.logs import START_NS, block, write_ramp
+from tests.daq.log.logs import START_NS, block, write_foreign, write_ramp
 from tests.rig.commands.cli import Call
 from tests.rig.synthetic_run import SCENARIO, write_log
 
@@ -38,6 +38,15 @@ def test_a_sound_log_is_called_sound(call: Call, tmp_path: Path) -> None:
         "/measured/a": 3000,
         "/measured/b": 3000,
     }
+
+
+def test_a_log_without_checksums_is_called_unverified(call: Call, tmp_path: Path) -> None:
+    answer = call("verify", path := write_foreign(tmp_path / "log.mcap"))
+    assert answer.code == 1
+    why = "UNVERIFIED, 2 of its chunks have no checksum that would show damage"
+    assert answer.out.splitlines()[-1] == f"{path}: 0.2 s, 200 samples: {why}"
+    found = json.loads(call("verify", path, "--json").out)
+    assert (found["sound"], found["unverified"], found["unchecked"]) == (False, True, 2)
 
 
 def test_a_log_without_samples_says_that_nothing_was_recorded(call: Call, tmp_path: Path) -> None:
