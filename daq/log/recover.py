@@ -50,7 +50,7 @@ class TopicReport:
 
 @dataclass(frozen=True, slots=True)
 class LogReport:
-    """What `verify_log` found; `sound` means complete, no checksum wrong or absent, no gap out of the ledger."""
+    """What `verify_log` found; `sound` means complete, no checksum wrong or absent, no gap untold."""
 
     path: Path
     complete: bool

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import html
 import shutil
-import tomllib
 import weakref
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -22,9 +21,10 @@ from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, Flag, SampleBlock, values_of
 from daq.channel import Channel
-from daq.errors import LogError, RattleError
+from daq.errors import ConfigurationError, LogError, RattleError
 from daq.log.reader import ROUNDING_S, SURROGATE, LogReader, Origin, late_by_s
 from daq.log.records import ClockRecord, Event, Gap, Impact
+from rig.files.faults import read_toml
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -309,8 +309,8 @@ class Log:
     def notes(self) -> dict[str, str]:
         """What its scenario notes of the run: operator, specimen, whatever else."""
         try:
-            notes = tomllib.loads(self.scenario).get("notes")
-        except tomllib.TOMLDecodeError:  # another program may have written it
+            notes = read_toml(self.scenario, "scenario").get("notes")
+        except ConfigurationError:  # another program may have written it
             return {}
         return {key: str(value) for key, value in notes.items()} if isinstance(notes, dict) else {}
 

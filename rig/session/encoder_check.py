@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
@@ -18,6 +17,7 @@ from daq.log.reader import LogReader
 from rig.rigs import shows_marks
 from rig.session.encoder_record import ENCODER_CHANNEL, ENCODER_DEVICE
 from rig.session.shaft_speed import shaft_reading
+from rig.twin.chains import chain_of
 
 Array = NDArray[np.float64]
 
@@ -104,11 +104,10 @@ def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
 def _zero_is_anywhere(log: LogReader, name: str) -> bool:
     """Whether the run says of an angle that nothing makes it absolute."""
     try:
-        chain = json.loads(log.metadata.get("run", {}).get(f"chain.{name}", "{}"))
-    except ValueError:
+        pulses = chain_of(log.metadata.get("run", {}), name).part("pulses")
+    except LogError:
         return False
-    pulses = chain.get("pulses") if isinstance(chain, dict) else None
-    return isinstance(pulses, dict) and pulses.get("index") is False
+    return pulses.get("index") is False
 
 
 def _pace(blocks: Sequence[SampleBlock], start_ns: int) -> Pace:

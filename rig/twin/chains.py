@@ -7,14 +7,26 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Final
 
 from daq.errors import LogError
+from daq.log.metadata import as_table, read_json
 from daq.log.records import RANGE, SENSITIVITY
-from drivers.ni_daq.channels import INPUT_NOISE_V, CardChannel, input_range_v
+from daq.quantity import Words, settings_of
+from drivers.canopen_cia406.settings import EncoderIdentity, EncoderSettings
+from drivers.ni_daq.channels import (
+    INPUT_NOISE_V,
+    Amplifier,
+    AntiAliasFilter,
+    CardChannel,
+    Mark,
+    Pulses,
+    input_range_v,
+)
 from rig.files.bench import Bench
+from rig.files.table import FieldError, field_of
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.sensors import Encoder, SensorChain
 from sim_twin.stages import Stages
@@ -87,13 +99,13 @@ def _stated(channel: CardChannel) -> dict[str, object]:
 
 def gauged(record: Mapping[str, str], drive: str) -> bool:
     """Whether a gauge in the stinger shows the channel of the `drive`, by a `run` record."""
-    return _chain(record, drive).get("senses") == _STINGER
+    return chain_of(record, drive).told.get("senses") == _STINGER
 
 
 def mounted(twin: AnyTwin, record: Mapping[str, str]) -> AnyTwin:
     """`twin` with its sensors where the record says that they sit."""
     channels, places = twin.model.channels, dict[str, Any]()
-    if angle := _number(_chain(record, channels.marker), "mark", "angle_rad"):
+    if angle := chain_of(record, channels.marker).number("mark.angle_rad"):
         places["marker_angle"] = angle
     if gauged(record, channels.drive):
         places["stinger_gauge"] = True
@@ -105,44 +117,43 @@ def with_chains(twin: AnyTwin, record: Mapping[str, str]) -> AnyTwin:
     twin = mounted(twin, record)
     shown = {name: _shown(twin.sensors.get(name, SensorChain()), name, record) for name in twin.channels}
     changed = {name: sensor for name, sensor in shown.items() if sensor is not None}
-    if (encoder := _beside(twin, _chain(record, ENCODER_ANGLE.name))) is not None:
+    if (encoder := _beside(twin, chain_of(record, ENCODER_ANGLE.name))) is not None:
         changed[ENCODER_ANGLE.name] = encoder
     return replace(twin, sensors={**twin.sensors, **changed}) if changed else twin
 
 
-def _beside(twin: AnyTwin, chain: Mapping[str, Any]) -> Encoder | None:
+def _beside(twin: AnyTwin, chain: Chain) -> Encoder | None:
     """The encoder that sends by itself, of which a log says how it is mounted: what it shows at the mark."""
-    mounting, counts = _number(chain, "mounting_rad"), _number(chain, "counts")
+    mounting, counts = chain.number("mounting_rad"), chain.number("counts")
     if mounting is None or not twin.model.channels.marker:
         return None
-    backwards = bool(chain.get("backwards"))
+    backwards = bool(chain.told.get("backwards"))
     mark = float(getattr(twin.rig, "marker_angle", 0.0))
     return Encoder(round(counts or _FINE), backwards, mark + (mounting if backwards else -mounting))
 
 
 def _shown(sensor: Any, name: str, record: Mapping[str, str]) -> Any:
     """The sensor with what a record says of its channel; None where that is nothing."""
-    chain = _chain(record, name)
+    chain = chain_of(record, name)
     if isinstance(sensor, Encoder):
-        pulses = chain.get("pulses", {})
-        tracks, decoding = (_number(chain, "pulses", key) or 0 for key in ("per_revolution", "decoding"))
-        zero = _number(chain, "pulses", "initial_angle_rad") if pulses.get("index") else None
-        counts = round(tracks * decoding)
+        pulses, tracks = chain.part("pulses"), round(chain.number("pulses.per_revolution") or 0)
+        zero = chain.number("pulses.initial_angle_rad") if pulses.get("index") else None
+        counts = tracks * round(chain.number("pulses.decoding") or 0)
         return Encoder(counts, bool(pulses.get("backwards")), zero or 0.0) if counts else None
     scale, largest = scale_of(record, SENSITIVITY, name), scale_of(record, RANGE, name)
     limit, output = inf, inf
-    if scale and largest and largest < inf and not chain.get("mark"):
+    if scale and largest and largest < inf and not chain.part("mark"):
         limit = input_range_v(scale * largest) / scale
-    if scale and (output_v := _number(chain, "amplifier", "output_v")):
+    if scale and (output_v := chain.number("amplifier.output_v")):
         output = output_v / scale
-    corners = _number(chain, "amplifier", "corner_hz"), _number(chain, "corner_hz")
-    corner, order = _number(chain, "filter", "corner_hz"), _number(chain, "filter", "order")
+    corners = chain.number("amplifier.corner_hz"), chain.number("corner_hz")
+    corner, order = chain.number("filter.corner_hz"), chain.number("filter.order")
     stages = Stages(
-        resonance=_number(chain, "resonance_hz"),
+        resonance=chain.number("resonance_hz"),
         high_passes=tuple(each for each in corners if each),
         output=output,
         low_pass=(corner, round(order)) if corner and order else None,
-        late=_number(chain, "delay_s") or 0.0,
+        late=chain.number("delay_s") or 0.0,
         floor=INPUT_NOISE_V / scale if scale and corner else 0.0,
     )
     if stages == Stages() and limit == inf:
@@ -150,22 +161,56 @@ def _shown(sensor: Any, name: str, record: Mapping[str, str]) -> Any:
     return replace(sensor, stages=None if stages == Stages() else stages, limit=limit)
 
 
-def _chain(record: Mapping[str, str], name: str) -> Mapping[str, Any]:
-    text = record.get(f"{_CHAIN}{name}", "{}")
-    try:
-        chain = json.loads(text)
-    except ValueError as error:
-        raise LogError(f"what the log says of the chain of {name} cannot be read ({error})") from error
-    if not isinstance(chain, dict):
-        raise LogError(f"what the log says of the chain of {name} cannot be read: {text[:80]}")
-    return chain
+_DECLARED: Final[Mapping[str, tuple[type[Any], str]]] = {
+    "mark.angle_rad": (Mark, "angle"),
+    "pulses.per_revolution": (Pulses, "per_revolution"),
+    "pulses.decoding": (Pulses, "decoding"),
+    "pulses.initial_angle_rad": (Pulses, "initial_angle"),
+    "amplifier.corner_hz": (Amplifier, "corner_hz"),
+    "amplifier.output_v": (Amplifier, "output_v"),
+    "filter.corner_hz": (AntiAliasFilter, "corner_hz"),
+    "filter.order": (AntiAliasFilter, "order"),
+    "corner_hz": (CardChannel, "corner_hz"),
+    "resonance_hz": (CardChannel, "resonance_hz"),
+    "delay_s": (CardChannel, "delay_s"),
+    "counts": (EncoderIdentity, "counts_per_revolution"),
+    "mounting_rad": (EncoderSettings, "mounting"),
+}
+"""What a bench file declares each number as."""
 
 
-def _number(chain: Mapping[str, Any], *keys: str) -> float | None:
-    found: Any = chain
-    for key in keys:
-        found = found.get(key) if isinstance(found, dict) else None
-    return float(found) if isinstance(found, int | float) else None
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """What a log says of a chain, named as `what`; its numbers are in SI."""
+
+    what: str
+    told: Mapping[str, Any]
+
+    def part(self, name: str) -> Mapping[str, Any]:
+        """The table of an amplifier, filter, mark or source of pulses; raises LogError where it is none."""
+        return as_table(self.told.get(name) or {}, self.what)
+
+    def number(self, key: str) -> float | None:
+        """None where it is not there; raises LogError for one that no bench may declare."""
+        part, _, last = key.rpartition(".")
+        value = (self.part(part) if part else self.told).get(last)
+        if value is None:
+            return None
+        owner, name = _DECLARED[key]
+        setting = next(each for each in settings_of(owner).values() if each.name == name)
+        match setting.meaning:
+            case Words(values=dict(words)):  # a log has what the word stands for
+                value = next((word for word, meant in words.items() if meant == value), value)
+        try:
+            return float(field_of(setting).read(value))
+        except FieldError as error:
+            raise LogError(f"{self.what} cannot be read: {key} = {str(value)[:80]}: {error}") from error
+
+
+def chain_of(record: Mapping[str, str], name: str) -> Chain:
+    """What a `run` record says of the chain of a channel; raises LogError where that cannot be read."""
+    what = f"what the log says of the chain of {name}"
+    return Chain(what, as_table(read_json(record.get(f"{_CHAIN}{name}", "{}"), what), what))
 
 
 def scale_of(record: Mapping[str, str], what: str, name: str) -> float | None:

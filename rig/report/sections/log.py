@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from daq.block import NS_PER_S
 from daq.channel import Channel
+from daq.errors import LogError
+from daq.log.metadata import read_json
 from daq.log.records import CALIBRATED, RANGE, SENSITIVITY
 from rig.derived.settings import RECORD
 from rig.pages.content import Listing, Part, Sentence, Table
@@ -56,8 +57,8 @@ def _key(key: str) -> str:
 def _in_words(value: str) -> str:
     """What stands in a record as JSON, as words; else as it is."""
     try:
-        found = json.loads(value)
-    except ValueError:
+        found = read_json(value, "a value")
+    except LogError:
         return value
     return _listed(found) if isinstance(found, dict | list) else value
 

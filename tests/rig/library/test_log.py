@@ -269,4 +269,6 @@ def test_what_a_run_was_is_at_hand(path: Path, tmp_path: Path) -> None:
         tmp_path / "noted.mcap", 0.1, scenario='name = "a"\n[notes]\noperator = "Ada"\nheat = 21\n'
     )
     assert rattle.open(noted).notes == {"operator": "Ada", "heat": "21"}
-    assert rattle.open(write_log(tmp_path / "torn.mcap", 0.1, scenario="[notes")).notes == {}
+    deep = f"notes = {'[' * 100_000}"
+    for number, odd in enumerate(("[notes", deep, f"notes = {'9' * 10_000}", f"a = '{'x' * (5 << 20)}'")):
+        assert rattle.open(write_log(tmp_path / f"{number}.mcap", 0.1, scenario=odd)).notes == {}

@@ -316,6 +316,8 @@ def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord
         "chain.crank.angle": '{"kind": "encoder", "pulses": {"per_revolution": 1024, "index": true}}',
         "chain.yoke.force_x": '{"corner_hz": 0.5}',
         "actuator": "Mitsubishi FR, station 1",
+        "chain.torn": "[" * 100_000,
+        "chain.deep": "[" * 500 + "]" * 500,
     }
     parts = log_sections.provenance(replace(run, channels=channels, metadata={"run": known}))
     facts, sensors = (part for part in parts if isinstance(part, Table))
@@ -328,4 +330,8 @@ def test_each_sensor_is_told_with_its_sensitivity_and_calibration(run: RunRecord
     assert told["run: chain.crank.angle"] == "kind: encoder, pulses: (per revolution: 1024, index: True)"
     assert told["run: actuator"] == known["actuator"]
     assert told["run: chain.yoke.force_x"] == "corner hz: 0.5"
+    assert [told[f"run: chain.{name}"] for name in ("torn", "deep")] == [
+        known["chain.torn"],
+        known["chain.deep"],
+    ]
     assert not any(part in row[0] for row in facts.rows for part in ("calibrated", "sensitivity", "range"))

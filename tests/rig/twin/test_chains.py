@@ -80,9 +80,41 @@ def test_encoder_and_marker_of_a_crank() -> None:
 
 
 def test_a_record_that_cannot_be_read_is_told() -> None:
-    for text in ("{", "[1]"):
+    for text in ("{", "[1]", "[" * 100_000, "[" * 500 + "]" * 500):
         with pytest.raises(LogError, match=r"chain of contact.force_upper cannot be read"):
             with_chains(twin_of(BEAM), {"chain.contact.force_upper": text})
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("contact.force_upper", '{"amplifier": []}', None),
+        ("contact.force_upper", '{"amplifier": [1]}', r"cannot be read: \[1\]"),
+        (
+            "contact.force_upper",
+            '{"filter": {"corner_hz": 1e3, "order": 1000000000}}',
+            "filter.order = 1000000000",
+        ),
+        ("contact.force_upper", '{"filter": {"corner_hz": 1e3, "order": Infinity}}', "filter.order = inf"),
+        ("contact.force_upper", '{"resonance_hz": NaN}', "resonance_hz = nan: 0.1 kHz to 1000 kHz"),
+        ("contact.force_upper", f'{{"delay_s": {"9" * 400}}}', "delay_s = 999"),
+        ("contact.force_upper", '{"delay_s": 1e300}', r"delay_s = 1e\+300: 0 ms to 20 ms"),
+        ("crank.angle", '{"pulses": [1]}', r"cannot be read: \[1\]"),
+        ("crank.angle", '{"pulses": {"per_revolution": Infinity, "decoding": 4}}', "per_revolution = inf"),
+        ("crank.angle", '{"pulses": {"per_revolution": 1024, "decoding": 3}}', "decoding = 3"),
+        ("crank.angle", '{"pulses": {"per_revolution": 1024, "decoding": 4}}', None),
+        ("encoder.angle", '{"mounting_rad": 1e300}', r"mounting_rad = 1e\+300"),
+        ("encoder.angle", '{"mounting_rad": 1.0, "counts": 0}', "counts = 0"),
+    ],
+)
+def test_a_number_that_no_bench_may_declare_is_told(name: str, text: str, words: str | None) -> None:
+    twin = twin_of(BEAM if name == "contact.force_upper" else CRANK)
+    record = {f"chain.{name}": text, f"sensitivity.{name}": "0.02"}
+    if words is None:
+        with_chains(twin, record)
+        return
+    with pytest.raises(LogError, match=f"chain of {name} .*{words}"):
+        with_chains(twin, record)
 
 
 def test_only_a_drive_is_felt_in_a_stinger() -> None:
