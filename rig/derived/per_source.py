@@ -114,6 +114,8 @@ class ImpactWatch:
 
 _LONGEST_GAP_S = 3600.0
 """Whoever comes later than that is not waited for: a damaged index must not take all time."""
+_A_BEGIN = 256
+"""Bytes unpacked in the time that takes a begin of a cycle which nobody has recorded."""
 
 
 class OriginDeriver:
@@ -183,6 +185,10 @@ class OriginDeriver:
     def _settle_s(self) -> float:
         return self._nominal.settle_s if self._nominal is not None else 1.0
 
+    @property
+    def _cycle_hz(self) -> float:
+        return (self.settings.cycle_hz or 0.0) if self.settings is not None else 0.0
+
     def _set_up(self, publish: Consumer) -> None:
         if self.settings is None:
             seen = {name: self._first_seconds(name) for name in self._watched}
@@ -218,6 +224,8 @@ class OriginDeriver:
             return
         self._next[name] = block.end_sample
         if name == self._reference and self._cycles is not None:
+            hole_s = (block.first_sample - expected) / block.sample_rate
+            self._spend(unpacked=round(_A_BEGIN * hole_s * self._cycle_hz))
             self._cycles.add(block.first_sample, block.values, not block.flags & BLIND)
             if self._speed is not None:
                 self._speed.add(block, publish)

@@ -288,6 +288,21 @@ def test_a_hole_out_of_this_world_is_not_filled(tmp_path: Path) -> None:
         replay_log(path, 0, None, silent_screen(), SteppedClock())
 
 
+def test_hours_without_end_between_blocks_are_not_counted_through(tmp_path: Path) -> None:
+    """720 000 cycles of the drive in ten blocks of nine samples, and a thousand more blocks."""
+    path, drive = tmp_path / "log.mcap", CHANNELS[0]
+    with LogWriter(path) as log:
+        log.declare("measured", drive)
+        log.add_metadata("scenario", {"toml": SCENARIO + ACQUISITION})
+        log.add_metadata(RECORD, {"measured": json.dumps(SETTLED)})
+        for number in range(1000):
+            first = round(number * 3590 * RATE)
+            time_ns = sample_time_ns(START_NS, first, RATE)
+            log.add_block("measured", SampleBlock(drive.name, first, time_ns, RATE, np.zeros(9)), time_ns)
+    with pytest.raises(LogError, match="more would come of it than of any honest recording"):
+        replay_log(path, 0, None, silent_screen(), SteppedClock())
+
+
 @pytest.mark.long
 def test_impacts_without_end_are_not_kept(tmp_path: Path) -> None:
     """One each 40 samples, the same again and again, in a file that takes a hundredth of them."""
