@@ -48,7 +48,7 @@ class Child:
     def start(self) -> None:
         """Start the process; returns before it has begun to import."""
         try:
-            with deaf(self._deaf_to):
+            with imports_nothing_here(), deaf(self._deaf_to):
                 self.process.start()
         finally:
             self._far_end.close()
@@ -77,6 +77,26 @@ class Child:
             self.process.join()
 
 
+_SAFE_PATH, _OURS = "PYTHONSAFEPATH", "rattle"
+_STARTING = threading.Lock()
+"""Over that variable of the environment."""
+
+
+@contextmanager
+def imports_nothing_here() -> Iterator[None]:
+    """Processes that start meanwhile import nothing from the working folder before they know where to look.
+
+    Somebody's data lie there, and among them perhaps a `socket.py`. What they start themselves is as ever.
+    """
+    with _STARTING:
+        ours = os.environ.setdefault(_SAFE_PATH, _OURS) == _OURS
+        try:
+            yield
+        finally:
+            if ours:
+                del os.environ[_SAFE_PATH]
+
+
 _OF_A_HANG_UP = {signal.SIGHUP, signal.SIGQUIT}
 """What would end Python's resource tracker, which by itself is deaf to SIGINT and SIGTERM only."""
 
@@ -94,8 +114,12 @@ def deaf(signals: Collection[signal.Signals]) -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def end_with_parent(grace_s: float = 0.0) -> None:
-    """End this process that long after the one that started it; for a pool's workers too."""
+def begin_as_child(grace_s: float | None = 0.0) -> None:
+    """End this process that long after the one that started it, if at all; for a pool's workers too."""
+    if os.environ.get(_SAFE_PATH) == _OURS:
+        del os.environ[_SAFE_PATH]
+    if grace_s is None:
+        return
 
     def watch() -> None:
         parent = multiprocessing.parent_process()
@@ -112,6 +136,5 @@ def _child(
 ) -> None:
     with suppress(OSError):  # for top and ps; where a system has no such file it is python there
         Path("/proc/self/comm").write_text(multiprocessing.current_process().name)
-    if grace_s is not None:
-        end_with_parent(grace_s)
+    begin_as_child(grace_s)
     entry(pipe, *arguments)

@@ -21,7 +21,7 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from daq.errors import RattleError
-from daq.process import OF_THE_TERMINAL, deaf, end_with_parent
+from daq.process import OF_THE_TERMINAL, begin_as_child, deaf, imports_nothing_here
 from rig.rigs import RIGS
 from sim_twin.diagnosis.subject import Draw, Observed, Subject
 from sim_twin.ensembles.figures import Spread, failures, spread_of
@@ -57,7 +57,7 @@ def worker_processes(count: int) -> Iterator[Workers]:
 
     Raises WorkersAbsent if one of them dies.
     """
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), end_with_parent)
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin_as_child)
     earlier = set(multiprocessing.active_children())
     try:
         with _start_conditions():
@@ -100,11 +100,11 @@ def _ready() -> bool:
 
 @contextmanager
 def _start_conditions() -> Iterator[None]:
-    """What processes that start now inherit: one thread each; what the terminal sends is not for them."""
+    """What processes that start now inherit: one thread each, nothing of terminal or working folder."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(_ONE_THREAD)
     try:
-        with deaf(OF_THE_TERMINAL):
+        with imports_nothing_here(), deaf(OF_THE_TERMINAL):
             yield
     finally:
         for name, value in before.items():

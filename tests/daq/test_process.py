@@ -32,6 +32,29 @@ if __name__ == "__main__":
 """
 
 
+STARTS_BOTH = """
+from daq.process import Child
+from rig.ensembles import worker_processes
+from tests.daq.test_process import look
+if __name__ == "__main__":
+    child = Child("looks", look)
+    child.start()
+    assert child.pipe.recv() is None
+    child.end(10.0)
+    with worker_processes(1) as workers:
+        assert workers.executor.submit(os.getenv, "PYTHONSAFEPATH").result() is None
+    assert "PYTHONSAFEPATH" not in os.environ
+"""
+TOLD = """
+import pathlib
+pathlib.Path(__file__).with_suffix(".ran").touch()
+"""
+
+
+def look(pipe: Connection) -> None:
+    pipe.send(os.environ.get("PYTHONSAFEPATH"))
+
+
 def blocked(pipe: Connection) -> None:
     pipe.send(sorted(int(each) for each in signal.pthread_sigmask(signal.SIG_BLOCK, ())))
 
@@ -60,6 +83,19 @@ def test_the_first_child_of_a_process_is_deaf_too_and_all_but_the_one_that_outli
         assert stays.is_running()
     finally:
         stays.kill()
+
+
+def test_what_lies_in_the_working_folder_is_no_module_of_ours(tmp_path: Path) -> None:
+    data, program = tmp_path / "data", tmp_path / "program.py"
+    data.mkdir()
+    program.write_text(f"import os\n{STARTS_BOTH}")
+    for name in ("signal", "socket", "pickle"):
+        (data / f"{name}.py").write_text(TOLD)
+    root = str(Path(__file__).parents[2])
+    subprocess.run(  # noqa: S603 - our own text
+        [sys.executable, program], cwd=data, env=os.environ | {"PYTHONPATH": root}, check=True, timeout=60
+    )
+    assert not list(data.glob("*.ran"))
 
 
 def test_what_both_say_goes_through_one_pipe() -> None:
