@@ -2,7 +2,8 @@
 
 Every index that was sent is in the log once or in `/gap`; nothing is there twice, and nothing that was not
 sent; times rise, on one time base. Values tell that each index is the one that was sent. A log with a run's
-name has to be readable, to say how it ended, and to hold its tail; a test that ruins one says so: `ruined`.
+name has to be readable, to say how it ended, and to hold the tail of each channel that it declares; a test
+that ruins one says so: `ruined`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from daq.channel import Channel
 from daq.errors import LogError, RattleError
 from daq.log.codec import decode_block
 from daq.log.reader import LogReader
-from daq.log.records import RECORD_END, STOPPING, Event, Gap
+from daq.log.records import RECORD_END, RECORD_START, STOPPING, Event, Gap
 from daq.log.recover import recover_log
 from rig.files.scenario import parse_scenario
 from rig.instruments import INSTRUMENTS
@@ -42,11 +43,17 @@ every channel, with the ledger, tells where each block belongs.
 """
 _ALIKE = 1e-5
 _TIME_BASE_S = 0.1
+_ANSWERS_S = 1.0
+"""An instrument that is asked may take so long for what a crash then loses."""
 _ANALOG = ("V", "")
+_COUNT, _COUNTERS = "count", ("count", "edge", "Hz")
+_COUNTER = 1 << 32
+"""What the card's counters give; the first, of an encoder, begins anew there."""
 _ENCODER = "encoder.angle"
 _OF_A_RUN = re.compile(r"_\d{8}-\d{6}-\d{3}\.mcap")
-_ONLY_A_HEAD = 64
+ONLY_A_HEAD = 64
 """Bytes: what a run that was killed as it opened its log leaves."""
+_BEGINNINGS = (RECORD_START, "dwell.start")
 _ENDINGS = (RECORD_END, "dwell.end", "drive.off")
 _STANDS = "inverter.off"
 """Where a motor's stop has its end; that of a generator ends as it begins."""
@@ -70,7 +77,8 @@ def disk_failed(log: Path) -> Path:
 class SentByCard:
     """A run of the card's sample clock: `made` samples of each input, some of which are `shown`, by index.
 
-    Of these somebody has `read` so many, told with each block made: what came after the last is not counted.
+    Of each counter the same are `counted`. Somebody has `read` so many of them, told with each block made:
+    what came after the last is not owed.
     """
 
     started_ns: int
@@ -78,6 +86,7 @@ class SentByCard:
     inputs: Sequence[str]
     made: int = 0
     shown: dict[int, list[float]] = field(default_factory=dict)
+    counted: dict[int, list[int]] = field(default_factory=dict)
     read: int = 0
 
 
@@ -103,6 +112,7 @@ def _told(path: Path, size: int) -> list[SentByCard | SentByEncoder]:
             assert told["first"] == card.made
             card.made, card.read = card.made + told["count"], told["read"]
             card.shown |= {int(index): values for index, values in told["values"].items()}
+            card.counted |= {int(index): counts for index, counts in told["counted"].items()}
         elif "counts_per_revolution" in told:
             counts_per_revolution = told["counts_per_revolution"]
         elif "frame" in told:
@@ -124,7 +134,7 @@ def sent_in(folder: Path) -> list[SentByCard | SentByEncoder]:
 def discrepancies(log: Path, sent: Sequence[SentByCard | SentByEncoder]) -> list[str]:
     """What of a log is not as it was sent; also of one that a crash cut, by what is recovered of it."""
     of_a_run = _OF_A_RUN.search(log.name) is not None
-    if log in _RUINED or (of_a_run and log.stat().st_size < _ONLY_A_HEAD):
+    if log in _RUINED or (of_a_run and log.stat().st_size < ONLY_A_HEAD):
         return []
     try:
         with LogReader(log) as reader:
@@ -170,6 +180,17 @@ class _Log:
         return {name: blocks for (origin, name), blocks in self.series.items() if origin == "measured"}
 
     @property
+    def begin_ns(self) -> int | None:
+        """When its sample 0 was due; None where no record was begun."""
+        firsts = (blocks[0] for blocks in self.measured.values())
+        begun = [sample_time_ns(each.time_ns, -each.first_sample, each.sample_rate) for each in firsts]
+        begun = begun or [self.codes[code].time_ns for code in _BEGINNINGS if code in self.codes]
+        return min(begun, default=None)
+
+    def gaps_of(self, name: str, origin: str) -> list[Gap]:
+        return [gap for gap in self.gaps if (gap.channel, gap.origin) == (name, origin)]
+
+    @property
     def codes(self) -> dict[str, Event]:
         """The first event of each code; of the dwells the last."""
         of_dwells = [event for event in self.events if event.code == "dwell.end"]
@@ -188,11 +209,11 @@ def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator
     ):
         if came and found is None and INSTRUMENTS[table].word in log.emulated:
             yield f"its emulated {INSTRUMENTS[table].word} sent nothing then"
-    if card is None and encoder is None:
+    if card is None and encoder is None and not (log.of_a_run and log.emulated):
         return  # it is of no emulator
-    for (origin, name), blocks in log.series.items():
-        whose = [gap for gap in log.gaps if gap.channel == name and gap.origin == origin]
-        yield from (f"{origin} {name}: {wrong}" for wrong in _tiled(blocks, whose))
+    declared = {("measured", name): list[SampleBlock]() for name in log.channels}
+    for (origin, name), blocks in (declared | log.series).items():
+        yield from (f"{origin} {name}: {wrong}" for wrong in _tiled(blocks, log.gaps_of(name, origin)))
     if any(code in log.codes for code in _ENDINGS):
         made_up = {gap.channel for gap in log.gaps if gap.cause == STOPPED}
         yield from (f"{name}: said to be stopped, but it had its end" for name in sorted(made_up))
@@ -205,6 +226,7 @@ def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator
         if until_ns == math.inf:
             end_ns = sample_time_ns(card.started_ns, offset + round(planned), card.rate)
             until_ns = end_ns - _TIME_BASE_S * NS_PER_S
+    yield from _of_others(log, card, until_ns)
     if encoder is not None and "encoder.numbering" not in log.codes:
         yield from _placed_on_encoder(encoder, log, until_ns or 0)
 
@@ -223,6 +245,20 @@ def _of_card(
             yield from _complete(name, blocks, log.gaps, made, must)
         elif origin == "predicted" and log.of_a_run and log.written_ns is None and name in log.measured:
             yield from _complete(name, blocks, log.gaps, math.inf, log.measured[name][-1].end_sample, origin)
+
+
+def _of_others(log: _Log, card: SentByCard | None, until_ns: float | None) -> Iterator[str]:
+    """What is neither the card's nor the encoder's, and what was declared and never came."""
+    owed_ns = (until_ns or 0) - _ANSWERS_S * NS_PER_S
+    if (begin_ns := log.begin_ns) is None or owed_ns <= begin_ns:
+        return
+    for name in log.channels:
+        if not (blocks := log.measured.get(name, [])):
+            if not log.gaps_of(name, "measured"):
+                yield f"{name}: declared, but nothing of it is there"
+        elif name != _ENCODER and (card is None or blocks[0].sample_rate != card.rate):
+            must = math.floor((owed_ns - begin_ns) / NS_PER_S * blocks[0].sample_rate)
+            yield from _complete(name, blocks, log.gaps, math.inf, must)
 
 
 def late_s(log: LogReader) -> float:
@@ -315,10 +351,22 @@ def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
     if len(analog) != len(card.inputs):
         return near, [f"{len(analog)} analog channels of {len(card.inputs)} inputs"]
     logged = {name: _whole(blocks) for name, blocks in analog.items()}
+    counters = [
+        name for name in log.channels if log.channels[name].raw_unit in _COUNTERS and name != _ENCODER
+    ]
+    counts = {
+        row: np.rint(_whole(log.measured[name]) / (log.channels[name].scale or 1.0))
+        for row, name in enumerate(counters)
+        if log.channels[name].raw_unit == _COUNT and name in log.measured
+    }
+    turns = {row: round(math.tau / (log.channels[counters[row]].scale or 1.0)) for row in counts}
     for shift in _SHIFTS:
-        if all(_alike(card, row, values, near + shift) for row, values in enumerate(logged.values())):
+        if all(_alike(card, row, values, near + shift) for row, values in enumerate(logged.values())) and all(
+            _counts_alike(card, row, turns[row], each, near + shift) for row, each in counts.items()
+        ):
             return near + shift, []
-    return near, [f"the values of {', '.join(analog)} are not those that were sent"]
+    told = [*analog, *(counters[row] for row in counts)]
+    return near, [f"the values of {', '.join(told)} are not those that were sent"]
 
 
 def _whole(blocks: Sequence[SampleBlock]) -> NDArray[np.float64]:
@@ -329,13 +377,27 @@ def _whole(blocks: Sequence[SampleBlock]) -> NDArray[np.float64]:
     return values
 
 
+def _pairs(
+    shown: Mapping[int, Sequence[float]], row: int, logged: NDArray[np.float64], offset: int
+) -> list[tuple[float, float]]:
+    """What came and what was sent."""
+    return [
+        (logged[index - offset], values[row])
+        for index, values in shown.items()
+        if row < len(values) and 0 <= index - offset < len(logged) and math.isfinite(logged[index - offset])
+    ]
+
+
+def _counts_alike(card: SentByCard, row: int, turn: int, logged: NDArray[np.float64], offset: int) -> bool:
+    """Whether an unwrapped count is what was sent, forwards or backwards, but for whole turns of either."""
+    came, gone = np.array(_pairs(card.counted, row, logged, offset)).reshape(-1, 2).T
+    gone = np.where(gone < _COUNTER / 2, gone, gone - _COUNTER)
+    return any(not ((came - sign * gone) % whole).any() for sign in (1, -1) for whole in (turn, _COUNTER))
+
+
 def _alike(card: SentByCard, row: int, logged: NDArray[np.float64], offset: int) -> bool:
     """Whether samples are what was sent but for one factor."""
-    pairs = [
-        (logged[index - offset], values[row])
-        for index, values in card.shown.items()
-        if 0 <= index - offset < len(logged) and math.isfinite(logged[index - offset])
-    ]
+    pairs = _pairs(card.shown, row, logged, offset)
     if not pairs:
         return True
     came, gone = np.array(pairs).T

@@ -15,7 +15,7 @@ import pytest
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.log.codec import encode_block
-from daq.log.records import RECORD_END, STOPPING, Event, Gap
+from daq.log.records import RECORD_END, RECORD_START, STOPPING, Event, Gap
 from daq.log.writer import LogWriter
 from rig.session.driven_rig import STOPPED
 from rig.session.run import RECORDED
@@ -24,6 +24,7 @@ from tests.accounting import discrepancies, disk_failed, ruined, sent_in
 RATE, START_NS = 1000.0, 1_800_000_000 * NS_PER_S
 BEGIN, BLOCK, MADE, LOST = 2000, 100, 5000, 500
 """Where the record begins on the card; how many in a block and in all; one that the encoder left out."""
+ASKED_HZ = 2.0
 TURN, SCALE = 4096, math.tau / 4096
 STOP = Event(START_NS + 4 * NS_PER_S, "warning", "rig", STOPPING, "stopped")
 CRASH_NS = START_NS + 5 * NS_PER_S
@@ -52,7 +53,13 @@ def truth(tmp_path: Path) -> Path:
     folder.mkdir()
     card: list[dict[str, object]] = [{"started_ns": START_NS, "rate": RATE, "inputs": ["a/ai0"]}]
     card += [
-        {"first": at, "count": 50, "values": {str(at): [force(at)], str(at + 9): [force(at + 9)]}, "read": at}
+        {
+            "first": at,
+            "count": 50,
+            "values": {str(each): [force(each)] for each in (at, at + 9)},
+            "counted": {str(each): [counts(each)] for each in (at, at + 9)},
+            "read": at,
+        }
         for at in range(0, MADE, 50)
     ]
     unix_s = START_NS / NS_PER_S + 1.0
@@ -107,14 +114,24 @@ def found(
         log.add_metadata("scenario", {"toml": SCENARIO})
         log.add_metadata("run", {"emulated": "card encoder"})
         log.declare("measured", Channel("force", "N", scale=2.0, raw_unit="V"))
+        log.declare("measured", Channel("crank.angle", "rad", scale=SCALE, raw_unit="count"))
         log.declare("measured", Channel("encoder.angle", "rad", scale=SCALE, raw_unit="count"))
+        log.declare("measured", Channel("room.temperature", "°C"))
+        log.add_event(Event(begin_ns, "info", "rig", RECORD_START, "recording"))
         for gap in (Gap(begin_ns, "encoder.angle", LOST, 1, "frames missing"), *gaps):
             log.add_gap(gap, begin_ns)
         for first in range(0, MADE - BEGIN, BLOCK):
             index, time_ns = np.arange(first, first + BLOCK), sample_time_ns(begin_ns, first, RATE)
-            shown = np.array([2.0 * force(BEGIN + each) for each in index], np.float32)
-            turned = np.array([counts(BEGIN - 1000 + each) * SCALE for each in index])
-            blocks = [SampleBlock("force", first, time_ns, RATE, shown)]
+            shown = np.array([2.0 * force(BEGIN + each) for each in index.tolist()], np.float32)
+            turned = np.array([counts(BEGIN - 1000 + each) * SCALE for each in index.tolist()])
+            passed = np.array([(counts(BEGIN + each) + TURN * each) * SCALE for each in index.tolist()])
+            blocks = [
+                SampleBlock("force", first, time_ns, RATE, shown),
+                SampleBlock("crank.angle", first, time_ns, RATE, passed),
+            ]
+            if first % round(RATE / ASKED_HZ) == 0:
+                degrees = np.array([21.0])
+                blocks.append(SampleBlock("room.temperature", first // 500, time_ns, ASKED_HZ, degrees))
             if first == LOST:
                 index, time_ns, turned = index[1:], sample_time_ns(time_ns, 1, RATE), turned[1:]
             blocks.append(SampleBlock("encoder.angle", int(index[0]), time_ns, RATE, turned))
@@ -160,7 +177,7 @@ def test_what_is_there_and_in_the_ledger_is_there_twice(truth: Path) -> None:
     assert "index 200 is there twice" in found(truth.parent, without("force", 999), gap)
 
 
-@pytest.mark.parametrize("channel", ["force", "encoder.angle"])
+@pytest.mark.parametrize("channel", ["force", "crank.angle", "encoder.angle"])
 def test_values_at_the_place_of_others_are_found(truth: Path, channel: str) -> None:
     def swapped(block: SampleBlock) -> SampleBlock:
         late = block.first_sample >= 700
@@ -180,10 +197,10 @@ def test_a_position_that_was_never_sent_is_found(truth: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("channel", ["force", "encoder.angle"])
+@pytest.mark.parametrize("channel", ["force", "crank.angle", "encoder.angle", "room.temperature"])
 def test_a_tail_that_is_nowhere_is_found(truth: Path, channel: str) -> None:
     def cut(block: SampleBlock) -> SampleBlock | None:
-        return None if block.channel == channel and block.first_sample >= 1500 else block
+        return None if block.channel == channel and block.first_sample >= block.sample_rate / 2 else block
 
     assert f"{channel}: " in (said := found(truth.parent, cut))
     assert "of which the last" in said
@@ -249,7 +266,7 @@ def test_a_crash_costs_half_a_second_of_what_was_read(
     """Also where the file was last written long before, by a writer that kept the rest to itself."""
 
     def cut(block: SampleBlock) -> SampleBlock | None:
-        return None if block.first_sample >= first else block
+        return None if block.first_sample >= first * block.sample_rate / RATE else block
 
     said = found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS - round(kept_s * NS_PER_S))
     assert words in said if words else said == ""
@@ -261,14 +278,14 @@ def test_a_crash_costs_nothing_of_what_the_card_made_and_nobody_read(truth: Path
     (truth / "daq_card-1.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in told))
 
     def cut(block: SampleBlock) -> SampleBlock | None:
-        return None if block.first_sample >= 1500 else block
+        return None if block.first_sample >= 1.5 * block.sample_rate else block
 
     assert found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS) == ""
 
 
 def test_a_disk_that_failed_holds_what_was_sent_before(truth: Path) -> None:
     def cut(block: SampleBlock) -> SampleBlock | None:
-        return None if block.first_sample >= 1500 else block
+        return None if block.first_sample >= 1.5 * block.sample_rate else block
 
     disk_failed(truth.parent / RUN_NAME)
     assert found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=START_NS + 4 * NS_PER_S) == ""
@@ -276,9 +293,26 @@ def test_a_disk_that_failed_holds_what_was_sent_before(truth: Path) -> None:
     assert "of which the last" in found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS)
 
 
+@pytest.mark.parametrize("channel", ["force", "crank.angle", "encoder.angle", "room.temperature"])
+def test_a_channel_that_was_declared_has_to_come(truth: Path, channel: str) -> None:
+    assert f"{channel}: " in found(
+        truth.parent, lambda block: None if block.channel == channel else block, name=RUN_NAME
+    )
+
+
+@pytest.mark.parametrize(("ends", "cut_ns"), [(STOP, None), (ENDED, None), (None, CRASH_NS)])
+def test_a_record_without_a_sample_is_found(truth: Path, ends: Event | None, cut_ns: int | None) -> None:
+    said = found(truth.parent, lambda _: None, name=RUN_NAME, ends=ends, cut_ns=cut_ns)
+    for channel in ("force", "crank.angle", "room.temperature"):
+        assert f"{channel}: declared, but nothing of it is there" in said
+    assert "measured encoder.angle: indices 0 to 499 are neither there nor in /gap" in said
+
+
 def test_a_run_says_how_it_ended(truth: Path) -> None:
     assert found(truth.parent, lambda block: block, ends=None) == ""
     assert found(truth.parent, lambda block: block, name=RUN_NAME, ends=None) == "nothing says how it ended"
+    (truth.parent / RUN_NAME).unlink()
+    assert "nothing says how it ended" in found(truth.parent, lambda _: None, name=RUN_NAME, ends=None)
 
 
 def test_a_record_that_had_its_end_was_not_stopped(truth: Path) -> None:

@@ -120,10 +120,12 @@ class CounterRun:
         self._measure, self._row = measure, row
         self.buffer = SampleBuffer(1, buffer_size, dtype)
 
-    def take(self, plant: NDArray[np.float64]) -> None:
+    def take(self, plant: NDArray[np.float64]) -> NDArray[Any]:
         """Count what the plant shows in its next samples, shape (channels, n); nothing on a loose input."""
         seen = np.zeros(plant.shape[1]) if self._row is None else plant[self._row]
-        self.buffer.put(self._measure(seen)[None, :])
+        counted = self._measure(seen)
+        self.buffer.put(counted[None, :])
+        return counted
 
 
 class Acquisition:
@@ -213,8 +215,7 @@ class Acquisition:
             while not self._stop.wait(self._due_s() - self._clock.monotonic_s()):
                 self._pass_on(self._inbox.take())
                 plant = self._plant.advance(self._block)
-                for counter in self._counters:
-                    counter.take(plant)
+                counted = [counter.take(plant) for counter in self._counters]
                 values, clipped = self._converter.convert(plant)
                 # Constant from sample to read, so that the time of arrival tells what the machine adds.
                 self._stop.wait(self._due_s() + TRANSFER_S - self._clock.monotonic_s())
@@ -223,8 +224,13 @@ class Acquisition:
                 if self._truth.kept:
                     first, count = self.buffer.made, values.shape[1]
                     shown = range(-first % SHOWN, count, SHOWN)
-                    values_of = {first + at: values[:, at].tolist() for at in shown}
-                    self._truth.tell(first=first, count=count, values=values_of, read=self.buffer.read_so_far)
+                    self._truth.tell(
+                        first=first,
+                        count=count,
+                        values={first + at: values[:, at].tolist() for at in shown},
+                        counted={first + at: [each[at].item() for each in counted] for at in shown},
+                        read=self.buffer.read_so_far,
+                    )
                 self.buffer.put(values)
         except Exception as error:  # the plant is not ours: whatever it raises ends the task, not the server
             fault = error if isinstance(error, DaqmxError) else None  # a rehearsed one
