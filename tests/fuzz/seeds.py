@@ -264,10 +264,12 @@ def main() -> None:
         folder = Path(temporary)
         seeds = list[tuple[str, str, bytes]]()
         for name, data in logs(folder):
-            seeds += [("log", name, data), ("recovery", name, data)]
+            seeds += [(target, name, data) for target in ("log", "recovery", "replay", "report")]
             if name == "finished.mcap":
                 seeds += [("messages", *seed) for seed in messages(folder)]
         seeds += [*foreign(folder), *frames(), *files(), *surrogates(folder)]
+        tables = [(name, data) for target, name, data in seeds if target in ("log", "csv", "npz", "numpy")]
+        seeds += [("own_rig", name, data) for name, data in tables]
     for target, name, data in seeds:
         path = CORPUS / names.get(target, target) / name
         path.parent.mkdir(parents=True, exist_ok=True)
