@@ -1,6 +1,7 @@
 """Runs of all three rigs that are killed (SIGKILL) while they record: what of each stream is lost.
 
-A run records on its emulated bench; at a random moment it is killed, its log recovered, and the end of each
+A run records on its emulated bench; at a random moment it is killed, one in five as its log opens, one in
+five as it closes, its log recovered, and the end of each
 measured stream held against the moment of the kill: what was measured before it and is not there is lost.
 What the emulators sent is held against the log. One bench has a thermometer that is read once a second. A run
 that ends by itself before it is killed, as on a machine too busy for the emulated line, is tried again, and
@@ -19,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +29,10 @@ import psutil
 from daq.block import NS_PER_S, sample_time_ns
 from daq.errors import LogError
 from daq.log.reader import LogReader
+from daq.log.records import RECORD_END
 from daq.log.recover import recover_log
 from drivers.emulator_truth import TRUTH_FOLDER
-from tests.accounting import discrepancies, late_s, sent_in
+from tests.accounting import ONLY_A_HEAD, discrepancies, late_s, sent_in
 
 ROOT = Path(__file__).parents[1]
 MOST_LOST_S = 0.5
@@ -41,7 +44,7 @@ rig = "{rig}"
 [acquisition]
 sample_rate = "25.6 kHz"
 settle = "1.5 s"
-duration = "60 s"
+duration = "{duration_s} s"
 """
 RIGS = {
     "impact_beam": 'frequency = "20 Hz"\namplitude = "9 N"',
@@ -58,9 +61,13 @@ _INSTALLED = {
     "METADATA": "Metadata-Version: 2.1\nName: impact-table\nVersion: 1.0\n",
     "entry_points.txt": "[rattle.instruments]\nthermometer = impact_table.thermometer:INSTRUMENT\n",
 }
-_SLOWEST_S = 1.0
 _LONGEST_S = 3.0
-"""Of the record before the kill."""
+"""Of the record before the kill, and of what comes between its end and that of the log."""
+_OPENS_S, _LOOK_S = 0.2, 1e-3
+_OPENS, _RECORDS, _CLOSES = "opens", "records", "closes"
+_MOMENTS = (_RECORDS, _RECORDS, _OPENS, _RECORDS, _CLOSES)
+_DURATION_S = {_OPENS: 60, _RECORDS: 60, _CLOSES: 1}
+"""Of the record that is asked for."""
 _START_S = 60.0
 
 
@@ -68,10 +75,19 @@ class EndedBefore(RuntimeError):
     """A run that had ended before it was killed."""
 
 
-def killed_run(rig: str, after_s: float, folder: Path) -> tuple[Path, int]:
-    """A log that was being written when its run was killed `after_s` into the record, and when (Unix ns)."""
+@dataclass(frozen=True, slots=True)
+class Killed:
+    """A log that was being written when its run was killed; when that was and the record began, Unix ns."""
+
+    log: Path
+    killed_ns: int
+    began_ns: int | None
+
+
+def killed_run(rig: str, moment: str, after_s: float, folder: Path) -> Killed:
+    """A run that was killed so long after its log came, its record began, or that was to end."""
     scenario, bench = folder / "scenario.toml", folder / "bench.toml"
-    scenario.write_text(_SCENARIO.format(rig=rig, drive=RIGS[rig]))
+    scenario.write_text(_SCENARIO.format(rig=rig, drive=RIGS[rig], duration_s=_DURATION_S[moment]))
     command = [sys.executable, "-u", "-m", "rig.start", "run", str(scenario), "--out", str(folder)]
     if rig in _BESIDE:
         bench.write_text(_BESIDE[rig])
@@ -89,41 +105,60 @@ def killed_run(rig: str, after_s: float, folder: Path) -> tuple[Path, int]:
         text=True,
         env=os.environ | {TRUTH_FOLDER: str(folder), "PYTHONPATH": path},
     ) as run:
-        assert run.stdout is not None
-        said = []
-        for line in run.stdout:
-            said.append(line)
-            if line.startswith("recording"):
-                break
+        began_ns = None
+        if moment == _OPENS:
+            while not any(folder.glob("*.mcap")):
+                if run.poll() is not None:
+                    raise EndedBefore("".join(run.communicate()))
+                time.sleep(_LOOK_S)
         else:
-            assert run.stderr is not None
-            raise EndedBefore("".join(said) + run.stderr.read())
+            began_ns = _began_ns(run)
         helpers = psutil.Process(run.pid).children(recursive=True)
-        time.sleep(after_s)
+        time.sleep(after_s + (_DURATION_S[moment] if moment == _CLOSES else 0.0))
         killed_ns = time.time_ns()
         run.kill()
     _, alive = psutil.wait_procs(helpers, _START_S)
     if alive:
         raise RuntimeError(f"left behind: {alive}")
     (log,) = folder.glob("*.mcap")
-    return log, killed_ns
+    return Killed(log, killed_ns, began_ns)
 
 
-def lost_s(log: Path, killed_ns: int, recovered: Path) -> dict[str, float]:
-    """Seconds of each measured channel before the kill that are not in what is recovered of `log`.
+def _began_ns(run: subprocess.Popen[str]) -> int:
+    """When a run said that it records."""
+    assert run.stdout is not None
+    assert run.stderr is not None
+    said = []
+    for line in run.stdout:
+        said.append(line)
+        if line.startswith("recording"):
+            return time.time_ns()
+    raise EndedBefore("".join(said) + run.stderr.read())
 
-    Raises LogError if it cannot be recovered, or if what was sent beside it is unaccounted for.
+
+def lost_s(killed: Killed, recovered: Path) -> dict[str, float]:
+    """Seconds of each measured channel before the kill that are not in what is recovered of its log.
+
+    None are where no record was begun. Raises LogError if it cannot be recovered, or if what was sent beside
+    it is unaccounted for.
     """
+    log = killed.log
     if wrong := discrepancies(log, sent_in(log.parent)):
         raise LogError(f"{log}: {'; '.join(wrong)}")
+    if killed.began_ns is None and log.stat().st_size < ONLY_A_HEAD:
+        return {}
     report = recover_log(log, recovered)
     if not report.sound or not report.whole:
         raise LogError(f"{log}: {report}")
+    if killed.began_ns is None:
+        return {}
     with LogReader(recovered) as reader:
-        ends = dict.fromkeys(reader.channels("measured"), 0)
+        ends = dict.fromkeys(reader.channels("measured"), killed.began_ns)
         for _, block in reader.blocks("measured"):
             ends[block.channel] = sample_time_ns(block.time_ns, len(block), block.sample_rate)
-    return {name: (killed_ns - end) / NS_PER_S for name, end in ends.items()}
+        ended = (event.time_ns for event in reader.events() if event.code == RECORD_END)
+        until_ns = min(killed.killed_ns, *ended, killed.killed_ns)
+    return {name: (until_ns - end) / NS_PER_S for name, end in ends.items()}
 
 
 def worst_lost(kills: int, seed: int) -> Iterator[tuple[str, str, float, float]]:
@@ -133,22 +168,23 @@ def worst_lost(kills: int, seed: int) -> Iterator[tuple[str, str, float, float]]
         rig = list(RIGS)[number % len(RIGS)]
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            # half a second at least: before the first chunk ends there is nothing to lose
-            after_s = float(rng.uniform(0.5, _LONGEST_S)) + (_SLOWEST_S if rig in _BESIDE else 0.0)
+            moment = _MOMENTS[number % len(_MOMENTS)]
+            after_s = float(rng.uniform(0.0, _OPENS_S if moment == _OPENS else _LONGEST_S))
             try:
-                log, killed_ns = killed_run(rig, after_s, folder)
+                killed = killed_run(rig, moment, after_s, folder)
             except EndedBefore as error:
                 before += 1
                 print(f"{rig}: ended before: {str(error).strip().splitlines()[-1:]}", flush=True)
                 if before > kills // MOST_BEFORE:
                     raise
                 continue
-            each = lost_s(log, killed_ns, folder / "recovered.mcap")
-            with LogReader(log) as reader:
-                late = late_s(reader)
+            each, late = lost_s(killed, folder / "recovered.mcap"), 0.0
+            if each:
+                with LogReader(killed.log) as reader:
+                    late = late_s(reader)
         number += 1
-        worst = max(each, key=each.__getitem__)
-        yield rig, worst, each[worst], late
+        worst = max(each, key=each.__getitem__, default="nothing")
+        yield rig, f"{moment}: {worst}", each.get(worst, 0.0), late
 
 
 def main() -> int:
@@ -160,7 +196,7 @@ def main() -> int:
     for number, (rig, stream, seconds, late) in enumerate(worst_lost(arguments.kills, arguments.seed)):
         lost.append(seconds)
         print(
-            f"{number + 1:4} {rig:22} {stream:26} {seconds:.3f} s, came up to {late:.3f} s late", flush=True
+            f"{number + 1:4} {rig:22} {stream:36} {seconds:.3f} s, came up to {late:.3f} s late", flush=True
         )
     print(
         f"all {len(lost)} recovered; lost at most {max(lost):.3f} s, median {np.median(lost):.3f} s"
