@@ -201,8 +201,9 @@ class Chain:
         match setting.meaning:
             case Words(values=dict(words)):  # a log has what the word stands for
                 value = next((word for word, meant in words.items() if meant == value), value)
+        written = f"{value} rad" if key.endswith("_rad") else value  # an angle wants its unit
         try:
-            return float(field_of(setting).read(value))
+            return float(field_of(setting).read(written))
         except FieldError as error:
             raise LogError(f"{self.what} cannot be read: {key} = {str(value)[:80]}: {error}") from error
 

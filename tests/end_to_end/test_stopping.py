@@ -51,7 +51,7 @@ def test_a_stop_leaves_the_rig_safe_and_the_log_closed(
         ended = run.end(STOPPED_WITHIN_S + 10)
     assert ended.code == 130
     assert time.monotonic() - asked_s < STOPPED_WITHIN_S
-    assert ended.err.strip().splitlines()[-1] == "rattle: stopped by a person"
+    assert ended.err.strip().splitlines()[-1] == "rattle: stopped by a person; the drive is off"
     bench.spy.await_off()
     await_gone(children)
     with LogReader(ended.log) as log:
