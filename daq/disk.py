@@ -23,7 +23,8 @@ def make_folder(folder: Path) -> None:
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     for made in missing:
-        sync_folder(made.parent)
+        with suppress(PermissionError):  # a folder where one may put things and not look
+            sync_folder(made.parent)
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -25,6 +25,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeVar
 
 DAMAGED = (ValueError, LookupError, ArithmeticError, RuntimeError, EOFError, OSError, MemoryError)
 """What Python raises where a file is not what it should be; who reads one adds his packages' own."""
@@ -32,6 +33,17 @@ DAMAGED = (ValueError, LookupError, ArithmeticError, RuntimeError, EOFError, OSE
 
 class RattleError(Exception):
     """Anything that rattle raises on purpose."""
+
+
+_Noted = TypeVar("_Noted", bound=BaseException)
+
+
+def with_notes_of(error: _Noted, other: BaseException | None) -> _Noted:
+    """An error that is raised in place of another, with what that one says besides."""
+    for note in getattr(other, "__notes__", ()):
+        if note not in getattr(error, "__notes__", ()):
+            error.add_note(note)
+    return error
 
 
 def show_fault(error: BaseException | None) -> None:

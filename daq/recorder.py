@@ -70,7 +70,8 @@ class Recorder:
         except RecorderFailed as failure:
             if error is None:
                 raise
-            error.add_note(str(failure))  # what ended the run first is why it ended
+            if error is not failure.__cause__:  # what ended the run first is why it ended
+                error.add_note(str(failure))
 
     def declare(self, origin: str, channel: Channel) -> None:
         """Declare a channel before its first block."""
@@ -119,13 +120,11 @@ class Recorder:
                     self._thread.join(_HUNG_DISK_S)  # one that is slow has all of it in the end
             except queue.Full:
                 pass
-            self._closing.set()
-            for thread in self._looking:
-                thread.join(_HUNG_DISK_S)
-            if any(thread.is_alive() for thread in (self._thread, *self._looking)):
-                raise RecorderFailed(
-                    f"{self._writer.path}: the disk does not answer; the end of the run is lost"
-                )
+        self._closing.set()
+        for thread in self._looking:
+            thread.join(_HUNG_DISK_S)
+        if any(thread.is_alive() for thread in (self._thread, *self._looking)):
+            raise RecorderFailed(f"{self._writer.path}: the disk does not answer; the end of the run is lost")
         self._writer.close()
         if self._failure is not None:
             more = f"; {self.refused} more refused" if self.refused else ""

@@ -61,24 +61,30 @@ class LogWriter:
         self._open = False
 
     def open(self) -> LogWriter:
-        """Create the file; refuses to overwrite one."""
+        """Create the file; refuses to overwrite one, and leaves none that could not be begun."""
         try:
             self._file = self._opened(self.path)
         except FileExistsError as error:
             raise RecorderFailed(f"{self.path} exists already; name another file") from error
         except OSError as error:
             raise RecorderFailed(f"cannot create {self.path}: {error}") from error
+        try:
+            self._indexes = _Indexes(self.path.parent)
+        except OSError as error:
+            self._file.close()
+            self.path.unlink(missing_ok=True)
+            raise RecorderFailed(f"cannot write in {self.path.parent}: {error}") from error
         self._writer = Writer(
             self._file, chunk_size=_NEVER_BY_ITSELF, compression=CompressionType.ZSTD, enable_data_crcs=True
         )
         self._open = True
         try:
-            self._indexes = _Indexes(self.path.parent)
             self._writer._Writer__chunk_indices = self._indexes  # type: ignore[attr-defined]
             self._guard(lambda: self._writer.start(profile="", library=self._library))
             self._seal()
         except RecorderFailed:
             self.close()
+            self.path.unlink(missing_ok=True)
             raise
         return self
 
@@ -183,7 +189,7 @@ class LogWriter:
 
     def abandon(self, why: Exception) -> None:
         """Write what came before and leave the file unfinished: it lacks what was to be written now."""
-        with suppress(RecorderFailed):  # where a write has failed, nothing more can be
+        with suppress(Exception):  # where a write has failed, nothing more can be
             self._end_chunk()
         self._failed = self._failed or why
 
@@ -315,10 +321,7 @@ class _Indexes:
     """The package's list of chunk indexes, on the disk: with 64 channels an hour of them is 40 MB."""
 
     def __init__(self, folder: Path) -> None:
-        try:
-            self._file = TemporaryFile(dir=folder)  # noqa: SIM115 - as long as the log
-        except OSError as error:
-            raise RecorderFailed(f"cannot write in {folder}: {error}") from error
+        self._file = TemporaryFile(dir=folder)  # noqa: SIM115 - as long as the log
 
     def append(self, index: ChunkIndex) -> None:
         record = RecordBuilder()
@@ -326,7 +329,7 @@ class _Indexes:
         self._file.write(record.end())
 
     def __iter__(self) -> Iterator[_Indexes]:
-        """All at once."""
+        """All at once: the package asks each to write itself."""
         yield self
 
     def write(self, summary: RecordBuilder) -> None:

@@ -138,9 +138,10 @@ class Poller:
                     return  # a drive that comes back is a matter for a person
             except Exception as error:  # top of a task: a fault of ours must stop the motor like any other
                 what = f"its keeper failed: {type(error).__name__}: {error}"
-                await self._make_safe(self._motor.refused(what))
-                # nobody waits for a terminal that hangs, this loop least of all
-                threading.Thread(target=show_fault, args=(error,), daemon=True).start()
+                try:
+                    await self._make_safe(self._motor.refused(what))
+                finally:  # nobody waits for a terminal that hangs, this loop least of all
+                    threading.Thread(target=show_fault, args=(error,), daemon=True).start()
                 return
             self._looked_s = began_s
             # half as long beside a stop, whose own looks take their turns on the line

@@ -40,7 +40,9 @@ class ScpiGenerator(ScpiSource):
         self._set(settings.OFFSET, offset_v)
         self._amplitude_v, self._offset_v, self._triggered = amplitude_v, offset_v, triggered
         if triggered:
-            self._choose_promptly(time.monotonic(), *settings.TRIGGERED_BURST, OUTPUT_ON)
+            for choice in settings.TRIGGERED_BURST:
+                self._choose(choice)
+            self._choose_promptly(time.monotonic(), OUTPUT_ON)
 
     def start(self) -> None:
         asked_s = time.monotonic()

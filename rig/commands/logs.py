@@ -98,9 +98,7 @@ def recover(
     log: RunFile, out: Annotated[Path, typer.Option("-o", metavar="FILE", help="The new log.")]
 ) -> None:
     from daq.log.recover import recover_log
-    from rig.files.pairing import check_room
 
-    check_room(out, log.stat().st_size)
     screen = Screen(Terminal())
     with _read("recovering", log, screen) as passing:
         report = recover_log(log, out, passing)
@@ -156,7 +154,8 @@ def _verdict(report: LogReport, log: LogReader) -> str:
         none = f"{report.unchecked} of its chunks have no checksum that would show damage"
         return f"{reaches}: UNVERIFIED, {none}"
     if not report.sound:
-        untold = "samples are missing outside the ledger, or come twice"
+        twice = any(topic.repeats for topic in report.topics)
+        untold = "samples come twice" if twice else "samples are missing outside the ledger"
         return f"{reaches}: NOT SOUND, {report.damage or untold}"
     if not report.recovered_from:
         return f"{reaches}: sound"

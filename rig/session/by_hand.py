@@ -28,8 +28,8 @@ _STEP_S, _TELL_S, _STANDS_S = 0.02, 2.0, 1.0
 _SPEED_SHARE, _FORCE_SHARE, _FREQUENCY_SHARE = 0.02, 0.05, 0.8 * FREQUENCY_TOLERANCE
 """Of what was asked: what counts as set; the frequency within what the twin can follow."""
 _FAINT = 0.02
-_FELL, _NEXT_TURN_S = 0.5, 3.0
-"""Of the speed asked for, what a shaft is seen below on its way to rest; how long a turn is awaited."""
+_NEXT_MARK_S = 3.0
+"""How long the next mark is awaited: a turn at 20 rpm."""
 
 
 class Seen(Protocol):
@@ -54,18 +54,17 @@ class Seen(Protocol):
     def beyond(self) -> bool:
         """Whether it is more than the bench allows."""
 
-    def rests(self, asked: Any, at_s: float) -> bool:
-        """Whether it is seen at rest by then, where that drive was asked for last; None: none yet."""
+    @property
+    def rests(self) -> bool | None:
+        """Whether nothing is seen of it; None where nothing shows it at all."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class ShaftSeen:
     """A shaft, by the instruments on it; the bench allows `highest_rpm`."""
 
     measured_rpm: Callable[[], float]
     highest_rpm: float
-    _last_rpm: float = math.inf
-    _unseen_since_s: float | None = None
 
     def words(self, drive: SpeedDrive) -> str:
         return f"turn the crank up to {drive.speed * RPM_PER_RAD_S:g} rpm and hold it there"
@@ -87,22 +86,10 @@ class ShaftSeen:
     def beyond(self) -> bool:
         return abs(self.measured_rpm()) > BEYOND_BENCH * self.highest_rpm
 
-    def rests(self, asked: SpeedDrive | None, at_s: float) -> bool:
-        """A marker shows a speed no more once its shaft is slow; one whose cable is off shows none either.
-
-        So no speed is rest only after it was seen to fall, and a turn of that later.
-        """
+    @property
+    def rests(self) -> bool | None:
         rpm = abs(self.measured_rpm())
-        if not math.isnan(rpm):
-            self._last_rpm, self._unseen_since_s = rpm, None
-            return rpm <= STANDS_RPM
-        if asked is None:
-            return True
-        if self._unseen_since_s is None:
-            self._unseen_since_s = at_s
-        fell = self._last_rpm <= _FELL * asked.speed * RPM_PER_RAD_S
-        waited_s = at_s - self._unseen_since_s
-        return fell and waited_s >= min(60.0 / max(self._last_rpm, STANDS_RPM), _NEXT_TURN_S)
+        return None if math.isnan(rpm) else rpm <= STANDS_RPM
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +122,8 @@ class SineSeen:
     def beyond(self) -> bool:
         return False  # the guard holds the measured force to the bench with every reading
 
-    def rests(self, asked: SineDrive | None, at_s: float) -> bool:
+    @property
+    def rests(self) -> bool | None:
         return self.force.strength <= _FAINT * self.force.highest
 
 
@@ -159,8 +147,8 @@ class ByHand:
         self.alive: Callable[[], bool] = lambda: False
         self._too_much = Debounced(OVERSPEED_S)
         self._asked_to_rest = threading.Lock()  # held from then on: once is enough
-        self._rests = False
-        self._asked: Any = None
+        self._rests = self._moved = False
+        self._shown_s: float | None = None  # when it was last measured since rest was asked for
         self._notices: list[Notice] = []
 
     @property
@@ -184,7 +172,8 @@ class ByHand:
         return ByHand(self._person, drive, self._wait, self.seen, self._clock)
 
     def arm(self, soft: bool, path: Sequence[Any] = ()) -> None:
-        self._rests = False
+        self._rests = self._moved = False
+        self._shown_s = None
         if self._asked_to_rest.locked():
             self._asked_to_rest.release()
 
@@ -210,9 +199,20 @@ class ByHand:
                 shown = self._seen.told() if self.alive() else "nothing is measured any more"
                 raise self._refused(f"it is not seen at rest ({shown})", "the rig itself: STOP IT BY HAND")
             self._clock.sleep(_STEP_S)
-            rests = self.alive() and self._seen.rests(self._asked, self._clock.monotonic_s())
-            stood_s = stood_s + _STEP_S if rests else 0.0
+            stood_s = stood_s + _STEP_S if self.alive() and self._stands() else 0.0
         self._rests = True  # seen once is enough too: what measures it may be gone by the next look
+
+    def _stands(self) -> bool:
+        """A marker shows no slow shaft, and none at all once its cable is off.
+
+        So nothing measured is rest only where something was since it was asked for, and no mark comes any
+        more.
+        """
+        now_s = self._clock.monotonic_s()
+        if (rests := self._seen.rests) is not None:
+            self._shown_s = now_s
+            return rests
+        return not self._moved or (self._shown_s is not None and now_s - self._shown_s >= _NEXT_MARK_S)
 
     def cut(self) -> None:
         self.off()
@@ -239,7 +239,7 @@ class ByHand:
         return self.seen
 
     def _await(self, drive: Any) -> None:
-        seen, self._asked = self._seen, drive
+        seen, self._moved = self._seen, True
         words = f"BY HAND: {seen.words(drive)}"
         self._note("manual.asked", seen.words(drive))
         self._person.ask(f"{words}; the run then goes on by itself", "set", *seen.order(drive))

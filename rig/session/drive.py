@@ -108,59 +108,51 @@ def drive_off_after(
     what that was, in words.
     """
 
-    off = _Off(drive, spare, screen, successor, moved or "the drive", not_off)
+    def switched_off() -> None:
+        """Raises what failed, with a note of how the drive is left."""
+        try:
+            drive.off()
+        except Exception as error:
+            may_be_on = _tried_anew(drive, spare)
+            taker = successor if may_be_on and spare is not None else None
+            if taker is not None:
+                taker.take_over()
+            error.add_note(may_be_on or f"{moved or 'the drive'} is off, by a new connection")
+            with suppress(Exception):  # words after deeds: the terminal may be gone
+                _warn_of(error, may_be_on, screen, taker)
+            if may_be_on:
+                with suppress(Exception):  # of a log
+                    not_off(f"{error}; {may_be_on}")
+            raise  # the caller must not take it for off
+
     try:
         yield
     except BaseException as ending:
+        left = f"{moved} is off"
         try:
-            left = off()
+            switched_off()
         except Exception as error:  # told already, and no reason why the run ended
             left = error.__notes__[-1]
         if moved:
             ending.add_note(left)
         raise
-    off()
+    switched_off()
 
 
-@dataclass(frozen=True, slots=True)
-class _Off:
-    """Switches a drive off, see `drive_off_after`."""
+def _tried_anew(drive: SwitchedOff, spare: Callable[[], Actuator] | None) -> str:
+    """What may still be on after a new connection, in words."""
+    if spare is None:
+        return "THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear"
+    obeyed = switch_off(spare)
+    drive.close()
+    return "" if obeyed else "THE DRIVE MAY STILL BE ON: switch it off by hand"
 
-    drive: SwitchedOff
-    spare: Callable[[], Actuator] | None
-    screen: Screen
-    successor: Successor | None
-    moved: str
-    not_off: Callable[[str], None]
 
-    def __call__(self) -> str:
-        """How it is left, in words; raises what failed, with a note of that."""
-        try:
-            self.drive.off()
-        except Exception as error:
-            taker = None
-            may_be_on = self._tried_anew()
-            if may_be_on and self.spare is not None and (taker := self.successor) is not None:
-                taker.take_over()
-            if may_be_on:
-                with suppress(Exception):  # of a log
-                    self.not_off(f"{error}; {may_be_on}")
-            with suppress(OSError):  # words after deeds: the terminal may be gone
-                for each in filter(None, (f"{error}", may_be_on)):
-                    self.screen.warn(each)
-                if taker is not None and (words := taker.go_on()):
-                    self.screen.warn(words)
-            error.add_note(may_be_on or f"{self.moved} is off, by a new connection")
-            raise  # the caller must not take it for off
-        return f"{self.moved} is off"
-
-    def _tried_anew(self) -> str:
-        """What may still be on after a new connection, in words."""
-        if self.spare is None:
-            return "THE MOTOR MAY STILL TURN: its own watchdog has to stop it; keep clear"
-        obeyed = switch_off(self.spare)
-        self.drive.close()
-        return "" if obeyed else "THE DRIVE MAY STILL BE ON: switch it off by hand"
+def _warn_of(error: Exception, may_be_on: str, screen: Screen, taker: Successor | None) -> None:
+    for each in filter(None, (str(error), may_be_on)):
+        screen.warn(each)
+    if taker is not None and (words := taker.go_on()):
+        screen.warn(words)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from daq.block import Flag
-from daq.clock import Clock
 from daq.errors import (
     EmergencyStop,
     InstrumentError,
@@ -21,6 +20,7 @@ from daq.errors import (
     RattleError,
     RecorderFailed,
     show_fault,
+    with_notes_of,
 )
 from daq.log.records import STOPPING, Event
 from daq.log.writer import LogWriter
@@ -48,80 +48,19 @@ from rig.session.shaft_watch import ShaftWatch
 from rig.session.signals import StopRequest
 from rig.session.spoilt_disk import disk_of
 from rig.session.supervisor import Latching, Supervisor
+from rig.session.watch import ASK_S, Watch
 from rig.stream import Stream
 from rig.twin.alignment import force_shown
 from sim_twin.rigs.impact_beam.model import SineDrive
 from sim_twin.twin import AnyTwin
 
-_BLOCK_S = 0.1  # as often as the card's readings come
 _REACHES_RIG_S = 0.05  # what was ordered of a generator
-_SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker
-_ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
 
 STOPPED = "stopped before its time"
 
 
 class Hung(RattleError, RuntimeError):
     """A part of this program took so long that the drive was switched off."""
-
-
-class Watch:
-    """Calls every one of `checks`, in their order, while it waits; what one of them raises ends the run."""
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._looked_s = clock.monotonic_s()
-        self.checks: list[Callable[[], None]] = []
-
-    def hangs(self, after_s: float) -> bool:
-        """Whether nobody has looked for so long that the run must be taken for dead."""
-        return self._clock.monotonic_s() - self._looked_s > after_s
-
-    def excuse(self, seconds: float) -> None:
-        """Nobody needs to look for so long."""
-        self._looked_s = self._clock.monotonic_s() + seconds
-
-    def at_times(self, check: Callable[[], None]) -> None:
-        """Call it as well, but every 0.1 s at most: it asks an instrument."""
-        due_s = self._clock.monotonic_s()
-
-        def checked() -> None:
-            nonlocal due_s
-            if (now_s := self._clock.monotonic_s()) >= due_s:
-                due_s = now_s + _ASK_S
-                check()
-
-        self.checks.append(checked)
-
-    def check(self) -> None:
-        """Raise whatever ends the run: a lost device, a limit, a person."""
-        self._looked_s = self._clock.monotonic_s()
-        for check in self.checks:
-            check()
-            self._looked_s = max(self._looked_s, self._clock.monotonic_s())  # each may take as long as it may
-
-    def wait(self, seconds: float) -> None:
-        end = self._clock.monotonic_s() + seconds
-        while (left := end - self._clock.monotonic_s()) > 0:
-            self.check()
-            self._clock.sleep(min(left, LOOK_S))
-        self.check()
-
-    def until(
-        self, acquisition: Acquisition, done: Callable[[], bool], show: Callable[[], None] = lambda: None
-    ) -> None:
-        """Wait until `done` while samples come; raises what ends the run early, and where none come."""
-        silent_since, seen = self._clock.monotonic_s(), -1
-        while not done():
-            self.check()
-            with acquisition.changed:
-                acquisition.changed.wait(_BLOCK_S)
-            show()
-            if acquisition.acquired != seen:
-                silent_since, seen = self._clock.monotonic_s(), acquisition.acquired
-            elif self._clock.monotonic_s() - silent_since > _SILENCE_S:
-                raise RattleError(f"{acquisition.name} gave no samples for {_SILENCE_S:g} s")
-        self.check()
 
 
 class DrivenRig:
@@ -270,7 +209,7 @@ class DrivenRig:
 
         def heed_hung() -> None:
             if self._hung:
-                raise Hung(f"{self._hung}, and the drive was switched off")
+                raise Hung(self._hung)
 
         acquisition, logbook, motion = self.acquisition, self.logbook, self.motion
         if isinstance(motion, ByHand):
@@ -325,7 +264,7 @@ class DrivenRig:
                 if each is not None:
                     running.enter_context(each)
             running.callback(ask)
-            running.callback(self.heed_emergency_stop)  # one on the way down counts whatever ended it
+            running.push(self._heed_on_the_way_down)
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
             moved = "the motor" if self.motion.speed_rad_s is not None else "the drive"
             running.enter_context(
@@ -393,6 +332,11 @@ class DrivenRig:
         if (seen := self.emergency_stop) is not None:
             raise seen
 
+    def _heed_on_the_way_down(self, kind: object, ending: BaseException | None, trace: object) -> None:
+        """An emergency stop counts whatever ended it; how the drive is left stays said."""
+        if (seen := self.emergency_stop) is not None:
+            raise with_notes_of(seen, ending)
+
     @property
     def recorded(self) -> bool:
         """Whether the record is complete; what asks for less may have brought its end nearer."""
@@ -418,12 +362,15 @@ class DrivenRig:
         )
         try:  # nothing that goes wrong with a log, and no one who waits, may keep the drive on
             if not self._rests:
-                with suppress(RuntimeError):  # a machine that starts none more
+                with suppress(RuntimeError):  # a machine that starts none more: told below
                     telling.start()
             self._bring_to_rest(self.motion.cut if self._at_once else self.motion.off)
         finally:
+            self.watch.excuse(JOIN_S)
             if telling.ident is not None:
                 telling.join(JOIN_S)
+            elif not self._rests:
+                telling.run()
         if faults:
             raise faults[0]
 
@@ -457,7 +404,7 @@ class DrivenRig:
 
     def _bring_to_rest(self, stop: Callable[[], None]) -> None:
         self.shaft.disarm()  # a ramp is no shaft that leaves its speed
-        decided = self._deciding.acquire(timeout=_ASK_S)  # a guard that hangs may have it
+        decided = self._deciding.acquire(timeout=ASK_S)  # a guard that hangs may have it
         try:
             self._stops = True
             self._met = self._dangers()
@@ -530,9 +477,9 @@ class DrivenRig:
         try:
             self._watch_over(ended, stops)
         except Exception as error:  # top of a thread: a fault of ours must stop the rig like any other
+            self._hung = self._hung or f"the guard failed: {type(error).__name__}: {error}"
             with suppress(Exception):  # whatever does not, the supervisor hears no more of this run
                 self.motion.cut()
-            self._hung = self._hung or f"the guard failed: {type(error).__name__}: {error}"
             show_fault(error)
 
     def _watch_over(self, ended: threading.Event, stops: list[threading.Thread]) -> None:

@@ -127,10 +127,10 @@ class ForceWatch:
     ) -> None:
         self.channel, self.highest, self.shown = channel, highest, shown
         self._nominal_hz, self._rate = frequency_hz, sample_rate
-        over_s = max(_OVER_S, 1 / slowest_hz)
-        self.over_s = max(1, math.floor(over_s * frequency_hz + 1e-9)) / frequency_hz
+        cycles = math.floor(_OVER_S * frequency_hz + 1e-9), math.ceil(frequency_hz / slowest_hz - 1e-9)
+        self.over_s = max(1, *cycles) / frequency_hz
         at_s = np.arange(round(self.over_s * sample_rate)) / sample_rate
-        self._turning = np.exp(2j * np.pi * frequency_hz * at_s)
+        self._turning = np.exp(-2j * np.pi * frequency_hz * at_s)
         self._values = np.zeros(len(at_s))
         self._lately = min(len(at_s), round(_LATELY_S * sample_rate))
         self._lines = int(max(_DRIVEN_HZ, 5 * frequency_hz) * self._lately / sample_rate) + 1
@@ -147,19 +147,18 @@ class ForceWatch:
 
     def take(self, values: NDArray[np.floating], flags: Flag = Flag.GOOD) -> str:
         """Take the next samples, shape (n,), and what is said of them; what is wrong, newly."""
-        numbers = np.isfinite(values)
         blind, count = self._blind, len(self._values)
-        unseen = bool(flags & BLIND) or not numbers.all()
-        self._blind = min(blind + len(values), count) if unseen else max(blind - len(values) / 2, 0.0)
+        more = len(values) if flags & BLIND else -len(values) / 2
+        self._blind = min(max(blind + more, 0.0), count)
         if blind < count <= self._blind:
             what = f"{self.channel.name} is overloaded, open or not finite for {self.over_s:g} s"
             return f"{what}: the force that the bench allows cannot be watched"
-        self._values = np.concatenate((self._values, np.where(numbers, values, 0.0)))[-count:]
+        self._values = np.concatenate((self._values, np.where(np.isfinite(values), values, 0.0)))[-count:]
         self._mean = float(self._values.mean())
-        moving = self._values - self._mean
-        phasor = complex(moving @ self._turning.conj()) * 2 / count
+        phasor = complex((self._values - self._mean) @ self._turning) * 2 / count
         self._follow(phasor, len(values))
-        self.other = self._strength_of((moving - (phasor * self._turning).real)[-self._lately :])
+        sine = (phasor * self._turning[-self._lately :].conj()).real
+        self.other = self._strength_of(self._values[-self._lately :] - self._mean - sine)
         return self._beyond_bench()
 
     def _strength_of(self, values: NDArray[np.floating]) -> float:

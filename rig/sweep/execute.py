@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from daq.block import SampleBlock, values_of
 from daq.clock import Clock
-from daq.errors import EmergencyStop, InterlockTripped, RattleError
+from daq.errors import EmergencyStop, InterlockTripped, RattleError, with_notes_of
 from daq.signals.impacts import Levels
 from daq.signals.running_figures import warm_up
 from rig.derived.per_source import ImpactWatch
@@ -207,7 +207,7 @@ class Sweeping:
         except InterlockTripped as error:
             keep("interlock", str(error))
             goes_on = f"the same call goes on after it, --again {number} repeats it"
-            raise InterlockTripped(f"point {number}: {error}; {goes_on}") from error
+            raise with_notes_of(InterlockTripped(f"point {number}: {error}; {goes_on}"), error) from error
         except (RattleError, KeyboardInterrupt) as error:
             keep("stopped", str(error) or "interrupted")
             self._screen.say(f"point {number} was not done: the same call repeats it and goes on")

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Final
 
-from daq.errors import LogError
-from daq.log.metadata import as_table, read_json
+from daq.log.metadata import as_table, number_in, read_json
 from daq.log.records import RANGE, SENSITIVITY
-from daq.quantity import Words, settings_of
+from daq.quantity import Bound, Quantity, Whole, Words, settings_of
 from drivers.canopen_cia406.settings import EncoderIdentity, EncoderSettings
 from drivers.ni_daq.channels import (
     INPUT_NOISE_V,
@@ -26,7 +25,7 @@ from drivers.ni_daq.channels import (
     input_range_v,
 )
 from rig.files.bench import Bench
-from rig.files.table import FieldError, field_of
+from rig.files.quantity import si_factor
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
 from sim_twin.sensors import Encoder, SensorChain
 from sim_twin.stages import Stages
@@ -193,19 +192,22 @@ class Chain:
     def number(self, key: str) -> float | None:
         """None where it is not there; raises LogError for one that no bench may declare."""
         part, _, last = key.rpartition(".")
-        value = (self.part(part) if part else self.told).get(last)
-        if value is None:
-            return None
-        owner, name = _DECLARED[key]
-        setting = next(each for each in settings_of(owner).values() if each.name == name)
-        match setting.meaning:
-            case Words(values=dict(words)):  # a log has what the word stands for
-                value = next((word for word, meant in words.items() if meant == value), value)
-        written = f"{value} rad" if key.endswith("_rad") else value  # an angle wants its unit
-        try:
-            return float(field_of(setting).read(written))
-        except FieldError as error:
-            raise LogError(f"{self.what} cannot be read: {key} = {str(value)[:80]}: {error}") from error
+        table = self.part(part) if part else self.told
+        return None if table.get(last) is None else number_in(table, last, _bound_of(key), self.what)
+
+
+def _bound_of(key: str) -> Bound:
+    """In SI, as a log has it."""
+    owner, name = _DECLARED[key]
+    setting = next(each for each in settings_of(owner).values() if each.name == name)
+    match setting.meaning:
+        case Quantity(unit=unit, low=low, high=high, above=above):
+            return Bound("", low * si_factor(unit), high * si_factor(unit), above)
+        case Words(values=dict(words)):
+            return Bound("", min(words.values()), max(words.values()))
+        case Whole(low=low, high=high):
+            return Bound("", low, high)
+    raise TypeError(f"{key} is no number in a bench file")
 
 
 def chain_of(record: Mapping[str, str], name: str) -> Chain:

@@ -283,6 +283,18 @@ def test_a_disk_that_stalls_while_it_syncs_costs_nothing(tmp_path: Path) -> None
     assert verify_log(path).sound
 
 
+def test_a_folder_that_takes_the_log_alone_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(dir: Path) -> None:  # noqa: A002 - as the library has it
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr("daq.log.writer.TemporaryFile", none)
+    with pytest.raises(RecorderFailed, match="Too many open files"):
+        LogWriter(tmp_path / "log.mcap").open()
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_disk_that_runs_short_stops_the_caller_while_the_log_can_be_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

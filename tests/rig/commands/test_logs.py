@@ -260,7 +260,7 @@ def test_what_a_full_disk_cuts_in_the_end_is_not_left_behind(
     assert not (tmp_path / "made.mcap").exists()
 
 
-@pytest.mark.parametrize("command", ["predict", "overlay", "recover"])
+@pytest.mark.parametrize("command", ["predict", "overlay"])
 def test_what_does_not_fit_on_the_disk_is_refused_before(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:

@@ -16,6 +16,7 @@ from drivers.manual.settings import ManualMotorSettings
 from rig.session.by_hand import HELD_S, REST_S, ByHand, ShaftSeen, SineSeen
 from rig.session.drive import Motion
 from rig.session.interlock import ForceWatch
+from rig.session.shaft_speed import ShaftSpeed
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.model import SineDrive
 from tests.rig.session.shafts import SteppedClock
@@ -44,10 +45,11 @@ class Person(ManualActuator):
         self.due = self.clock.now_s + 1.0, self.does(order, self.rpm)
 
     def measured_rpm(self) -> float:
-        """As a marker shows it: the last speed until that of its next marks, nothing of a slow shaft."""
-        if self.clock.now_s >= self.due[0] and self.rpm != self.due[1]:
-            slower = max(self.due[1], self.rpm - 4.0)  # looked at every 0.02 s
-            self.rpm = 0.0 if slower < 20.0 else slower
+        """As a marker shows it: the last speed for a turn of it, then nothing of a shaft that has stopped."""
+        if self.clock.now_s >= self.due[0]:
+            last_rpm, self.rpm = self.rpm, self.due[1]
+            if not self.rpm and self.clock.now_s < self.due[0] + 60.0 / (last_rpm or math.inf):
+                self.rpm = last_rpm
         return self.rpm or math.nan
 
 
@@ -160,6 +162,36 @@ def test_a_shaft_whose_marker_is_lost_at_speed_is_not_at_rest() -> None:
         motion.off()
 
 
+@pytest.mark.parametrize("ramp_s", [0.5, 1.0, 3.0, 8.0])
+def test_a_shaft_that_stops_is_at_rest_by_its_marker_however_fast_it_stops(ramp_s: float) -> None:
+    """By the card's own reading of the marks, of a shaft at 200 rpm that a person stops evenly."""
+    clock, rate, block = SteppedClock(), 5120.0, 384
+    speed = ShaftSpeed([Channel("crank.marker", "V")], rate, clock)
+    taken = 0
+
+    def turned(at_s: float) -> float:
+        stopping_s = min(max(at_s - 3.0, 0.0), ramp_s)
+        return 200.0 / 60.0 * (min(at_s, 3.0) + stopping_s - stopping_s**2 / (2 * ramp_s))
+
+    def measured_rpm() -> float:
+        nonlocal taken
+        while (taken + block) / rate <= clock.now_s - began_s:
+            angles = np.array([turned((taken + k) / rate) for k in range(block)])
+            speed.take(taken, np.where(angles % 1.0 < 0.05, 5.0, 0.0))
+            taken += block
+        return speed.rpm()
+
+    person = Person(clock, does_it)
+    began_s = clock.now_s
+    motion = ByHand(person, DRIVE, clock.sleep, ShaftSeen(measured_rpm, 300.0), clock)
+    motion.alive, motion._moved = (lambda: True), True
+    clock.sleep(3.0)
+    assert measured_rpm() == pytest.approx(200.0, rel=0.01)
+    motion.off()
+    stood_s = clock.now_s - began_s - 3.0 - ramp_s
+    assert 0.0 < stood_s < 12.0
+
+
 def test_where_nothing_was_asked_no_speed_is_rest() -> None:
     person = Person(SteppedClock())
     began_s = person.clock.now_s
@@ -182,7 +214,7 @@ def test_a_sine_that_is_set_is_seen_in_frequency_and_amplitude(frequency_hz: flo
     watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, 60.0)
     seen, drive = SineSeen(watch), SineDrive(3.0, 20.0)
     assert not seen.is_set(drive)
-    assert seen.rests(drive, 0.0)
+    assert seen.rests
     at_s = np.arange(2 * int(RATE)) / RATE
     force = 3.0 * np.sin(2 * np.pi * frequency_hz * at_s) + 0.4 * np.sin(6 * np.pi * frequency_hz * at_s)
     force += noise * np.random.default_rng(3).standard_normal(len(at_s))
@@ -192,6 +224,6 @@ def test_a_sine_that_is_set_is_seen_in_frequency_and_amplitude(frequency_hz: flo
     # a sine off by 3 % of its frequency leaks by a tenth of a window of four cycles
     assert watch.amplitude == pytest.approx(3.0, rel=0.03)
     assert seen.is_set(drive) == (abs(frequency_hz - 20.0) < 0.016)
-    assert not seen.rests(drive, 0.0)
+    assert not seen.rests
     assert seen.order(drive) == (20.0, 3.0)
     assert "set the drive to 20 Hz and turn it up to 3 N peak" in seen.words(drive)

@@ -134,6 +134,43 @@ def test_what_ended_a_run_says_how_its_drive_is_left(fails_at: str, spare_fails_
     assert len(heard) == ("MAY STILL" in left)
 
 
+class Unwritable(Screen):
+    def warn(self, text: str) -> None:
+        raise ValueError("I/O operation on closed file")
+
+
+def test_words_that_cannot_be_said_hide_neither_why_it_ended_nor_how_it_is_left() -> None:
+    heard = list[str]()
+    with (
+        pytest.raises(ZeroDivisionError, match="a fault") as ending,
+        drive_off_after(
+            RecordingGenerator(fails_at="off"),
+            lambda: RecordingGenerator(fails_at="open"),
+            Unwritable(Console(file=StringIO())),
+            moved="the drive",
+            not_off=heard.append,
+        ),
+    ):
+        raise ZeroDivisionError("a fault")
+    assert ending.value.__notes__ == ["THE DRIVE MAY STILL BE ON: switch it off by hand"]
+    assert len(heard) == 1
+
+
+def test_a_person_hears_before_a_log_that_may_hang() -> None:
+    screen, said = silent_screen(), list[str]()
+    with (
+        pytest.raises(ZeroDivisionError),
+        drive_off_after(
+            RecordingGenerator(fails_at="off"),
+            lambda: RecordingGenerator(fails_at="open"),
+            screen,
+            not_off=lambda _: said.append(screen.console.export_text()),
+        ),
+    ):
+        raise ZeroDivisionError("a fault")
+    assert "MAY STILL BE ON" in said[0]
+
+
 def test_where_nothing_moved_what_ended_it_says_nothing_of_the_drive() -> None:
     with (
         pytest.raises(ZeroDivisionError) as ending,

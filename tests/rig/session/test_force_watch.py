@@ -84,7 +84,7 @@ def test_hardly_any_force_is_no_danger_however_much_more_or_less_than_ordered() 
     assert shown(0.0)[0].unlike(0.3, 0.0, 20.0) == ""
 
 
-@pytest.mark.parametrize("start_hz", [10.0, 15.0, 20.0, 23.0, 37.0])
+@pytest.mark.parametrize("start_hz", [2.1, 3.0, 10.0, 15.0, 20.0, 23.0, 37.0])
 @pytest.mark.parametrize(("amplitude", "told"), [(0.2, True), (1.125, False), (2.25, True)])
 def test_a_drive_that_comes_from_another_frequency_is_looked_at_there(
     start_hz: float, amplitude: float, told: bool
@@ -98,6 +98,17 @@ def test_a_drive_that_comes_from_another_frequency_is_looked_at_there(
 @pytest.mark.parametrize(("offset", "told"), [(0.0, False), (2.5, False), (-2.5, False), (5.0, True)])
 def test_a_mean_is_held_to_the_offset_that_was_ordered_and_may_be_missing(offset: float, told: bool) -> None:
     assert bool(shown(2.0, offset)[0].unlike(2.0, 2.5, 20.0)) == told
+
+
+def test_a_healthy_way_up_near_what_the_bench_allows_passes() -> None:
+    watch = ForceWatch(Channel("drive.force", "N"), 4.0, RATE, HIGHEST_N, slowest_hz=3.0)
+    force = HIGHEST_N * np.sin(2 * np.pi * 3.0 * np.arange(3 * int(RATE)) / RATE + 0.4)
+    assert not any(watch.take(block) for block in force.reshape(-1, BLOCK))
+
+
+def test_a_sensor_that_is_loose_before_anything_moves_harms_nobody() -> None:
+    watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
+    assert [watch.take(np.full(BLOCK, np.nan)) for _ in range(5)] == [""] * 5
 
 
 def test_a_push_without_a_sine_is_held_as_well() -> None:
