@@ -1,14 +1,15 @@
 """Whether `rattle identify` finds the values of rigs that lie far from what their scenarios say.
 
 Rigs are those of the blind check's truth engines, which share nothing with the twin. `rigs` draws values ten
-times as far off as healthy rigs lie, records two runs of each and has `rattle identify` look for them by
-`rattle gap` and its own file; `effects` hides one effect in each of the rigs that were identified, and in a
-nominal one, and has `rattle diagnose` name it; `healthy` records healthy rigs of tolerances twice as wide and
-counts those that lie outside of the healthy band, with and without what `rattle calibrate --spread` learnt of
-five others. Every rig's result is a file in DIR: what is there is not done again, so parts of it add up, and
-a search that is stopped or runs out of time goes on where it was. `score` prints.
+times as far off as healthy rigs lie, records two runs of each and has `rattle identify` look for them, by its
+own file and by `rattle gap` on further runs; `effects` hides one effect in each of the rigs that were
+identified, and in a nominal one, and has `rattle diagnose` name it; `healthy` records healthy rigs of
+tolerances twice as wide and counts those that lie outside of the healthy band, with and without what `rattle
+calibrate --spread` learnt of five others. Every rig's result is a file in DIR: what is there is not done
+again, so parts of it add up, and a search that is stopped or runs out of time goes on where it was. `score`
+prints. Each step returns 1 where a figure misses its bar.
 
-Usage: python -m benchmarks.identified {rigs,effects,healthy,score} DIR [--more N] [--only RIG] [--count 20]
+Usage: python -m benchmarks.identified {rigs,effects,healthy,score} DIR [--more N] [--only RIG] [--count N]
     [--seed 1] [--budget SECONDS]
 """
 
@@ -62,6 +63,10 @@ RUNS, BUDGET_S = 2, {"rigs": 3600.0, "effects": 60.0}
 LEARN, WIDER, HEALTHY, LONGEST_S = 5, 2.0, 48, 20.0
 FARTHEST: Final = 2.0
 """Of ten healthy deviations: farther no rig lies."""
+HOLD, GAP, WALL_S, POINTS, CALLED_OFF = (0.88, 0.99), 1.15, 300.0, 0.05, 3 / 60
+"""Bars: share of values held, median gap afterwards, seconds of two cores, share of first answers that fewer
+are right, share of healthy rigs called off."""
+_COUNTS: Final = {"rigs": 20, "effects": 20, "healthy": 30, "score": 0}
 _OUT_OF_TIME: Final = "time ran out"
 _FRAMES: Final = {"crank_y": CRANK_Y, "crank_x": CRANK_X, "piston_y": PISTON_Y}
 
@@ -114,15 +119,16 @@ def recorded_runs(
     built: Callable[[Any], Any] = lambda rig: rig,
     effects: Sequence[EffectEntry] = (),
     wider: float = 1.0,
+    first: int = 0,
 ) -> list[Path]:
-    """Logs of runs of one rig by the truth's engine; what is recorded already stays."""
+    """Logs of runs of one rig by the truth's engine, its `first` and on; what is recorded already stays."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"run{number + 1}.mcap" for number in range(len(points))]
     engine: Any = engine_of(rig)
     for number, (path, point) in enumerate(zip(paths, points, strict=True)):
         if path.exists():
             continue
-        recording = engine.record(point, effects, seed, number, built=built, wider=wider)
+        recording = engine.record(point, effects, seed, first + number, built=built, wider=wider)
         part = path.with_suffix(".part")
         part.unlink(missing_ok=True)
         write_log(part, recording, scenario_text(f"rig {seed}, run {number + 1}", point), path.stem, number)
@@ -162,7 +168,8 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int, budget_s: float
     rng = np.random.default_rng([seed, number, rig == CRANK])
     points = points_of(rig, RUNS, rng)
     values = drawn_values(rig, points[0], rng)
-    paths = recorded_runs(folder, rig, points, 1000 * seed + number, partial(BUILT[rig], values))
+    built = partial(BUILT[rig], values)
+    paths = recorded_runs(folder, rig, points, 1000 * seed + number, built)
     model, began, cpu_s = folder / "model.toml", time.monotonic(), _children_s()
     free = ",".join(FREE[rig])
     code, told = rattle(
@@ -182,8 +189,9 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int, budget_s: float
             key: {"value": known.model[key], "low": each.low, "high": each.high, "told": each.told}
             for key, each in known.identified.items()
         }
+        judged = recorded_runs(folder / "judged", rig, points, 1000 * seed + number, built, first=RUNS)
         for name, more in (("gap", ("--model", model)), ("gap_before", ())):
-            code, told = rattle(folder / f"{name}.txt", "gap", *paths, *more, "--json")
+            code, told = rattle(folder / f"{name}.txt", "gap", *judged, *more, "--json")
             found[name] = json.loads(told[told.index("{") :])["before"] if code == 0 else None
     result.write_text(json.dumps(found, indent=1))
     print(f"{folder.name}: exit code {found['code']}, {found['wall_s']:.0f} s", flush=True)
@@ -201,7 +209,7 @@ def diagnose_effect(folder: Path, rig: str, number: int, seed: int, budget_s: fl
     own: Callable[[Any], Any] = partial(BUILT[rig], truth)
     for name, built, more in (("identified", own, ("--model", model)), ("nominal", _as_it_is, ())):
         logs = folder / name
-        paths = recorded_runs(logs, rig, points, 1000 * seed + number, built, (entry,))
+        paths = recorded_runs(logs, rig, points, 1000 * seed + number, built, (entry,), first=2 * RUNS)
         out = logs / "answer"
         code, told = rattle(
             logs / "diagnose.txt", "diagnose", *paths, *more, "--out", out, "--budget", budget_s
@@ -254,18 +262,22 @@ def judge_healthy(folder: Path, rig: str, count: int, seed: int, more: int) -> i
     return len(open_ones)
 
 
-def score(folder: Path) -> None:
-    """Print what the rigs' results come to."""
+def score(folder: Path) -> bool:
+    """Print what the rigs' results come to; whether every figure that there is meets its bar."""
+    met, called_off, judged = True, 0, 0
     for rig in (BEAM, CRANK):
-        _score_values(rig, _results(folder, "*/result.json", rig))
+        met &= _score_values(rig, _results(folder, "*/result.json", rig))
         effects = _results(folder, "*/effect.json", rig)
-        for name in ("identified", "nominal") if effects else ():
-            right = sum(each[name]["right"] for each in effects)
-            print(f"  single effects on {name} rigs: first right in {right} of {len(effects)}")
+        right = {name: sum(each[name]["right"] for each in effects) for name in ("identified", "nominal")}
+        for name, count in right.items() if effects else ():
+            print(f"  single effects on {name} rigs: first right in {count} of {len(effects)}")
+        met &= right["identified"] >= right["nominal"] - POINTS * len(effects)
         healthy = _results(folder, "*/healthy*.json", rig)
         for name, words in (("usual", "as shipped"), ("own", "as learnt of five")) if healthy else ():
             beyond = sum(each[name] for each in healthy)
             print(f"  healthy rigs twice as wide, tolerances {words}: {beyond} of {len(healthy)} called off")
+        called_off, judged = called_off + sum(each["own"] for each in healthy), judged + len(healthy)
+    return met and called_off <= CALLED_OFF * judged
 
 
 def _results(folder: Path, pattern: str, rig: str) -> list[dict[str, Any]]:
@@ -273,9 +285,11 @@ def _results(folder: Path, pattern: str, rig: str) -> list[dict[str, Any]]:
     return [each for each in found if each["rig"] == rig]
 
 
-def _score_values(rig: str, results: Sequence[Mapping[str, Any]]) -> None:
+def _score_values(rig: str, results: Sequence[Mapping[str, Any]]) -> bool:
+    """A rig that was refused holds no value and closes no gap."""
     done = [each for each in results if each["code"] == 0]
     print(f"{rig}: {len(results)} rigs, {len(done)} identified")
+    met = len(done) == len(results)
     held = [
         interval["low"] <= each["truth"][key] <= interval["high"]
         for each in done
@@ -285,12 +299,16 @@ def _score_values(rig: str, results: Sequence[Mapping[str, Any]]) -> None:
     if held:
         share, (low, high) = np.mean(held), wilson(sum(held), len(held))
         print(f"  95 % intervals hold {share:.3f} ({low:.2f} to {high:.2f}) of {len(held)} values told")
+        met &= HOLD[0] <= share <= HOLD[1]
     gaps = [each["gap"] for each in done if each["gap"] is not None]
     if gaps:
         before = np.median([each["gap_before"] for each in done if each["gap_before"] is not None])
         print(f"  gap before {before:.2f}, after {np.median(gaps):.2f}, largest {max(gaps):.2f}")
+        met &= float(np.median(gaps)) <= GAP
         wall_s, cpu_s = (np.median([each[what] for each in done]) for what in ("wall_s", "cpu_s"))
         print(f"  seconds, medians: {wall_s:.0f} of wall time, {cpu_s:.0f} of processors")
+        met &= float(cpu_s) <= 2 * WALL_S
+    return met
 
 
 _STEPS: Final = {"rigs": ("result.json", identify_rig), "effects": ("effect.json", diagnose_effect)}
@@ -302,31 +320,29 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identified", description=__doc__)
     parser.add_argument("step", choices=("rigs", "effects", "healthy", "score"))
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--count", type=int, default=20, help="rigs a kind")
+    parser.add_argument("--count", type=int, help="rigs a kind; without it as many as the figures want")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=(BEAM, CRANK))
     parser.add_argument("--more", type=int, default=1000, help="do at most so many")
     parser.add_argument("--budget", type=float, help="seconds of each search or diagnosis")
     asked = parser.parse_args(arguments)
     rigs = (asked.only,) if asked.only else (BEAM, CRANK)
+    count = asked.count or _COUNTS[asked.step]
     if asked.step == "healthy":
         more = asked.more
         for rig in rigs:
-            more -= judge_healthy(asked.folder / f"{rig}_healthy", rig, asked.count, asked.seed, more)
+            more -= judge_healthy(asked.folder / f"{rig}_healthy", rig, count, asked.seed, more)
     if asked.step in _STEPS:
         result, do = _STEPS[asked.step]
         every = [
-            (asked.folder / f"{rig}_{number:02d}", rig, number)
-            for number in range(asked.count)
-            for rig in rigs
+            (asked.folder / f"{rig}_{number:02d}", rig, number) for number in range(count) for rig in rigs
         ]
         open_ones = [each for each in every if not (each[0] / result).exists()]
         if asked.step == "effects":  # in rigs that were identified
             open_ones = [each for each in open_ones if (each[0] / "model.toml").exists()]
         for folder, rig, number in open_ones[: asked.more]:
             do(folder, rig, number, asked.seed, asked.budget or BUDGET_S[asked.step])
-    score(asked.folder)
-    return 0
+    return 0 if score(asked.folder) else 1
 
 
 if __name__ == "__main__":

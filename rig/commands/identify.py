@@ -73,7 +73,7 @@ def identify(
 
 
 def _show(found: Identification, rig: str, screen: Screen) -> None:
-    from rig.diagnosis.identify import rows
+    from rig.diagnosis.identify import STILL_MOVED, rows
 
     table = Table(box=None, pad_edge=False)
     for heading in ("key", "found", "95 % interval", "was", ""):
@@ -86,5 +86,5 @@ def _show(found: Identification, rig: str, screen: Screen) -> None:
     for one, other in found.known.together():
         screen.warn(f"{one} and {other} are told together only: fix one of them, if you know it")
     if not found.converged:
-        screen.warn("the values still moved a little in the last round: see the last lines above")
+        screen.warn(f"{STILL_MOVED}: their intervals are wider by that; add runs, or free fewer")
     screen.say(f"gap        {found.gap:.2f} with these values in the twin   (1 = as far as a healthy rig)")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
@@ -183,17 +184,22 @@ def wides_of(data: RecordedCampaign, free: Mapping[str, str]) -> tuple[Wide, ...
     return tuple(found)
 
 
+STILL_MOVED = "The values still moved in the last round"
+
+
 @dataclass(frozen=True, slots=True)
 class Identification:
     """What was found: `gap` of the rig from its twin with the values, as a healthy rig's is 1.
 
-    `was` are the values that the scenarios have, SI; `next_run` a scenario that would tell more.
+    `was` are the values that the scenarios have, SI; `next_run` a scenario that would tell more. Not
+    `converged`: in the last round the values `moved` by so many deviations, (n,).
     """
 
     known: Known
     was: Mapping[str, float | None]
     gap: float
     converged: bool
+    moved: NDArray[np.float64]
     next_run: str | None = None
 
 
@@ -333,14 +339,14 @@ def identify(
 
         simulate = kept(campaign)
         require_moves(wides, campaign, simulate)
-        known, converged = nothing_known(wides), False
+        known, converged, moved = nothing_known(wides), False, np.zeros(len(wides))
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             rounds = fitted_rounds(
                 campaign, wides, data.measured, simulate, np.random.default_rng(seed), data.told
             )
             try:
                 for number, each in enumerate(rounds, 1):
-                    known, converged = each.known, each.converged
+                    known, converged, moved = each.known, each.converged, each.moved
                     far = int(np.argmax(each.moved))
                     screen.say(
                         f"round {number}: {each.rigs} rigs, {sum(known.told())} of {len(wides)} values told; "
@@ -379,7 +385,7 @@ def identify(
                 "something else is missing or wrong: nothing was written. rattle diagnose may tell what"
             )
         more = _next_run(data, scenarios, known, kept, np.random.default_rng([seed, 1]))
-    return Identification(known, was, gap, converged, more)
+    return Identification(known, was, gap, converged, moved, more)
 
 
 def _with_best(plain: RecordedCampaign, scenarios: Sequence[Scenario], best: Mapping[str, float]) -> Campaign:
@@ -447,6 +453,7 @@ def model_text_of(found: Identification, rig: str, runs: Sequence[str], scenario
         "# Behind each its 95 % interval, in the same unit, and what the scenarios had. What is not told",
         "# only goes with the others: its value says nothing by itself.",
         *(f"# Told together only: {one} and {other}." for one, other in found.known.together()),
+        *([] if found.converged else [f"# {STILL_MOVED}, by which their intervals are wider."]),
         f"# Gap of the rig from its twin with these values: {found.gap:.2f} (1 is as far as a healthy rig).",
         *head_text(rig, runs, scenarios),
         *identified_text(
@@ -472,9 +479,14 @@ def rows(found: Identification, rig: str) -> list[tuple[str, ...]]:
 
 
 def _identified(found: Identification) -> dict[str, Identified]:
-    """Intervals are as much wider as the rig lies farther from its twin than a healthy one."""
+    """Intervals are as much wider as the rig lies farther from its twin than a healthy one.
+
+    And as the values still moved.
+    """
     known = found.known
-    estimates = zip(known.wides, known.estimates(max(1.0, found.gap)), known.told(), strict=True)
+    moving = np.zeros_like(found.moved) if found.converged else found.moved
+    wider = max(1.0, found.gap) * np.hypot(1.0, moving)
+    estimates = zip(known.wides, known.estimates(wider), known.told(), strict=True)
     return {
         wide.name: Identified(wide.name, each.low, each.high, found.was[wide.name], told)
         for wide, each, told in estimates

@@ -51,6 +51,7 @@ def spread_of(
     if len(kinds) > 1:
         told = ", ".join(f"{path} is of the {rig}" for rig, path in kinds.items())
         raise ConfigurationError("runs", [Problem("runs", told, "runs of one kind of rig")])
+    _refuse_other_tolerances(paths, runs)
     for run, path in zip(runs, paths, strict=True):
         for remark in run.remarks:
             screen.warn(f"{path.name}: {remark}")
@@ -79,6 +80,17 @@ def spread_of(
                 f"{path.name} lies {off / others:.2g} times farther off than the others: is it healthy?"
             )
     return runs, spread
+
+
+def _refuse_other_tolerances(paths: Sequence[Path], runs: Sequence[AloneRun]) -> None:
+    """What healthy rigs differ by has to be the same, or their widths are none of one another."""
+    twins = [run.campaign.runs[0].twin for run in runs]
+    known = [{each.name for each in twin.model.lasting_tolerances(twin)} for twin in twins]
+    for path, names in zip(paths, known, strict=True):
+        if other := sorted(names ^ known[0]):
+            told = f"{path.name} and {paths[0].name} differ in {', '.join(other)}"
+            alike = "runs with the same channels and [model]"
+            raise ConfigurationError("runs", [Problem("runs", told, alike)])
 
 
 def _further(bar: Callable[[float], None], before: int, done: float) -> None:

@@ -41,10 +41,10 @@ class Run:
 
 
 def runs_in(paths: Iterable[Path]) -> list[Run]:
-    """The logs that are named, and those of the folders that are, oldest first."""
+    """The logs that are named, and those in folders that are, a sweep's points too; oldest first."""
     found: list[Run] = []
     for path in paths:
-        logs = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+        logs = sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
         found += [_entry(log, tags_of(log)) for log in logs]
     return sorted(found, key=lambda run: (run.started, run.path))
 

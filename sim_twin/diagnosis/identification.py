@@ -96,8 +96,8 @@ class Known:
         """Of each value, whether the runs tell it."""
         return tuple(bool(each) for each in self.deviation <= _TOLD)
 
-    def estimates(self, wider: float = 1.0) -> tuple[Estimate, ...]:
-        """Medians and 95 % intervals; those of a model that leaves something open are `wider`."""
+    def estimates(self, wider: Array | float = 1.0) -> tuple[Estimate, ...]:
+        """Medians and 95 % intervals, `wider` (n,) times where a model leaves something open."""
         ends = (self.mean + side * wider * _OF_95 * self.deviation for side in (0.0, -1.0, 1.0))
         middle, low, high = (self.values(end) for end in ends)
         return tuple(Estimate(*map(float, each)) for each in zip(middle, low, high, strict=True))

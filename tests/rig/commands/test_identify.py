@@ -12,9 +12,18 @@ import numpy as np
 import pytest
 
 from daq.errors import ConfigurationError
-from rig.diagnosis.identify import Kept, identifying, read_for, require_moves, tolerance_of, wide_of
+from rig.diagnosis.identify import (
+    Identification,
+    Kept,
+    identifying,
+    model_text_of,
+    read_for,
+    require_moves,
+    tolerance_of,
+    wide_of,
+)
 from rig.diagnosis.recordings import setting_of
-from rig.files.model_file import load_model
+from rig.files.model_file import load_model, parse_model
 from rig.files.scenario import parse_scenario
 from rig.files.table import NOTHING, FieldError
 from rig.rigs import RIGS
@@ -232,6 +241,30 @@ def test_a_model_file_gives_the_values(tmp_path: Path) -> None:
     twin = with_model(twin_of(other), model, other, told.append)
     assert twin.rig.contact_stiffness == 1e7
     assert told == ["not as the runs of the model had it, so the scenario's value holds: contact_stiffness"]
+
+
+def test_values_that_still_moved_are_said_to_and_have_wider_intervals() -> None:
+    kind, scenario = RIGS["impact_beam"], parse_scenario(SCENARIO)
+    wides = [
+        wide_of(kind, key, scenario.model, twin_of(scenario)) for key in ("contact_stiffness", "beam_modulus")
+    ]
+    known = replace(nothing_known(wides), covariance=0.01 * np.eye(2))
+    was = {"contact_stiffness": 1.5e7, "beam_modulus": 2.1e11}
+    still, moving = (
+        model_text_of(
+            Identification(known, was, 1.0, converged, np.array([0.0, 2.0])),
+            "impact_beam", ["run.mcap"], ["reference"],
+        )
+        for converged in (True, False)
+    )  # fmt: skip
+    assert "still moved" in moving
+    assert "still moved" not in still
+    widths = [
+        [each.high - each.low for each in parse_model(text, "model", "impact_beam").identified.values()]
+        for text in (still, moving)
+    ]
+    assert widths[1][0] == pytest.approx(widths[0][0])
+    assert widths[1][1] == pytest.approx(np.sqrt(5.0) * widths[0][1], rel=0.1)
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,12 @@ def test_runs_of_two_rigs_are_not_compared(call: Call, folder: Path, tmp_path: P
     assert "two runs of one rig" in answer.err
 
 
+def test_the_points_of_a_sweep_are_runs_too(tmp_path: Path) -> None:
+    (tmp_path / "by frequency" / "point-0001").mkdir(parents=True)
+    write_log(tmp_path / "by frequency" / "point-0001" / "beam.mcap", seconds=0.1)
+    assert [run.path.stem for run in runs_in([tmp_path])] == ["beam"]
+
+
 def test_the_oldest_comes_first(tmp_path: Path) -> None:
     for name in ("b", "a"):
         write_log(tmp_path / f"{name}.mcap", seconds=0.1)

@@ -56,6 +56,17 @@ def test_too_few_or_the_same_runs_are_refused(call: Call, runs: list[Path], tmp_
     assert not list(tmp_path.iterdir())
 
 
+def test_runs_of_rigs_that_differ_in_other_things_are_refused_before_any_long_work(
+    call: Call, runs: list[Path], tmp_path: Path
+) -> None:
+    flexible = SCENARIO + '\n[model]\nbase = "flexible"\n'
+    other = record(tmp_path / "flexible.mcap", 7, flexible, flexible)
+    answer = call("calibrate", "--spread", *runs[:2], other, "-o", tmp_path / "lab.toml")
+    assert answer.code == 2
+    assert "flexible.mcap and rig0.mcap differ in base." in answer.err
+    assert not (tmp_path / "lab.toml").exists()
+
+
 @pytest.mark.long
 def test_rigs_that_differ_by_more_make_wider_tolerances(call: Call, runs: list[Path], tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
