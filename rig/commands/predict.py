@@ -97,6 +97,7 @@ def ensemble(
     runs: Annotated[int, typer.Option("--runs", min=1, help="How many rigs to draw.")] = 200,
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed draws the same rigs.")] = 0,
     effects: EffectsFile = None,
+    model: Model = None,
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Worker processes; without: one a core.")
     ] = None,
@@ -122,7 +123,9 @@ def ensemble(
     machine: Json = False,
 ) -> None:
     from rig import ensembles
+    from rig.files.model_file import load_model
     from rig.files.scenario import load_scenario
+    from rig.twin.logged import with_model
     from rig.twin.scenario_twin import twin_of, with_effects
     from sim_twin.ensembles.figures import Figures
     from sim_twin.ensembles.population import Population
@@ -135,9 +138,10 @@ def ensemble(
     scenario = load_scenario(scenario_file)
     if out is not None and not out.absolute().parent.is_dir():
         raise RattleError(f"{out}: its folder does not exist; make it first, nothing was simulated")
-    twin = twin_of(scenario)
+    twin, screen = twin_of(scenario), Screen(Terminal(stderr=machine))
+    if model is not None:
+        twin = with_model(twin, load_model(model, scenario.rig), scenario, screen.warn)
     population = Population(twin if effects is None else with_effects(twin, effects), any_phase=False)
-    screen = Screen(Terminal(stderr=machine))
     if scheduler is None:
         source = ensembles.worker_processes(workers or ensembles.cores())
     else:
@@ -147,8 +151,8 @@ def ensemble(
     if surrogate is not None:
         from rig.surrogates.standing_in import stood_in
 
-        if effects is not None:
-            raise typer.BadParameter("a surrogate knows no effects", param_hint="--surrogate")
+        if effects is not None or model is not None:
+            raise typer.BadParameter("a surrogate knows no effects and no model", param_hint="--surrogate")
         outcomes, by = stood_in(surrogate, scenario, variants, settings_only)
         _told(outcomes, seed, machine, screen, out, by)
         return

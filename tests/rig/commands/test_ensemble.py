@@ -164,3 +164,12 @@ def test_wrong_use_is_one_clear_line(
     assert answer.code == code
     assert words in answer.err
     assert len(answer.err.splitlines()) == 1
+
+
+def test_healthy_rigs_of_a_lab_are_those_of_its_model(call: Call, tmp_path: Path) -> None:
+    lab = tmp_path / "lab.toml"
+    head = 'rig = "impact_beam"\nruns = ["a.mcap"]\nscenarios = ["a"]\n\n[tolerances]\n'
+    lab.write_text(head + 'contact_stiffness = "25 %"\n')
+    asked = ("ensemble", scenario(tmp_path), "--runs", 4, "--json")
+    told = [json.loads(call(*asked, *more).out) for more in ((), (), ("--model", lab))]
+    assert told[0] == told[1] != told[2]
