@@ -194,10 +194,8 @@ def _learn_spread(
 ) -> None:
     from rig.diagnosis.lab import lab_text, spread_of
 
-    if model is not None:
-        raise typer.BadParameter("--spread and --model do not go together: a model is of one rig")
-    looked_at, found = spread_of(runs, rigs, seed, budget, screen)
-    text = lab_text(looked_at, found, [run.name for run in runs])
+    looked_at, found, known = spread_of(runs, rigs, seed, budget, screen, model)
+    text = lab_text(looked_at, found, [run.name for run in runs], known)
     table = Table("tolerance", "times as wide as usual", "told", box=None, pad_edge=False)
     for name, width, told in zip(found.names, found.widths, found.told, strict=True):
         if told > _LEAST_TOLD:

@@ -11,14 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.errors import ConfigurationError, Problem
+from daq.errors import ConfigurationError, Problem, RattleError
 from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.faults import toml_key
-from rig.files.model_file import head_text, parse_model
+from rig.files.model_file import ModelFile, as_identified, head_text, load_model, parse_model
 from rig.rigs import RIGS
 from rig.session.pace import reading
 from rig.session.progress import Screen
+from rig.twin.logged import campaign_with_model
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.matching import Rigs, healthy_draws, simulated_rigs
 from sim_twin.diagnosis.space import Moments
@@ -35,9 +36,9 @@ _ODD = 4.0
 
 
 def spread_of(
-    paths: Sequence[Path], rigs: int, seed: int, budget_s: float, screen: Screen
-) -> tuple[list[AloneRun], Spread]:
-    """Runs, each of another rig or another day, and how far their rigs differ.
+    paths: Sequence[Path], rigs: int, seed: int, budget_s: float, screen: Screen, model: Path | None = None
+) -> tuple[list[AloneRun], Spread, ModelFile | None]:
+    """Runs, each of another rig or another day, and how far their rigs differ about what a `model` says.
 
     Raises ConfigurationError or LogError for what cannot be used.
     """
@@ -51,13 +52,19 @@ def spread_of(
     if len(kinds) > 1:
         told = ", ".join(f"{path} is of the {rig}" for rig, path in kinds.items())
         raise ConfigurationError("runs", [Problem("runs", told, "runs of one kind of rig")])
+    known = None if model is None else _identified(model, runs[0].scenario.rig)
+    if known is not None:
+        runs = [
+            replace(run, campaign=campaign_with_model(run.campaign, known, [run.scenario], screen.warn))
+            for run in runs
+        ]
     _refuse_other_tolerances(paths, runs)
     for run, path in zip(runs, paths, strict=True):
         for remark in run.remarks:
             screen.warn(f"{path.name}: {remark}")
     # one scenario, one campaign: nothing of it hangs on what was measured
     kept: dict[str, Campaign] = {repr(run.campaign): _wider(run.campaign) for run in runs}
-    known: dict[str, Rigs] = {}
+    simulated: dict[str, Rigs] = {}
     rng = np.random.default_rng(seed)
     work = work_of("calibrate", runs[0].campaign, [1] * rigs * len(kept))
     total = rigs * len(kept)
@@ -67,10 +74,10 @@ def spread_of(
             deadline = time.monotonic() + budget_s / len(kept)
             simulate = Simulated(campaign, workers.executor, deadline, report)
             draws = healthy_draws(rigs, rng)
-            known[name] = simulated_rigs(campaign, draws, simulate(draws))
+            simulated[name] = simulated_rigs(campaign, draws, simulate(draws))
             if simulate.cut_short:
                 screen.warn("time ran out: fewer healthy rigs were simulated than planned")
-    seen = [(known[repr(run.campaign)], Moments(run.campaign.layout), run.measured) for run in runs]
+    seen = [(simulated[repr(run.campaign)], Moments(run.campaign.layout), run.measured) for run in runs]
     spread = spread_among(seen, 1 / _WIDE)
     spread = replace(spread, widths=_WIDE * spread.widths, common=_WIDE * spread.common)
     for path, off in zip(paths, spread.off, strict=True):
@@ -79,7 +86,16 @@ def spread_of(
             screen.warn(
                 f"{path.name} lies {off / others:.2g} times farther off than the others: is it healthy?"
             )
-    return runs, spread
+    return runs, spread, known
+
+
+def _identified(path: Path, rig: str) -> ModelFile:
+    known = load_model(path, rig)
+    if known.matched.names or known.lab:
+        raise RattleError(
+            f"{path} says already what rigs differ by; rattle identify writes what may be given"
+        )
+    return known
 
 
 def _refuse_other_tolerances(paths: Sequence[Path], runs: Sequence[AloneRun]) -> None:
@@ -109,11 +125,13 @@ def _all_wide(twin: AnyTwin) -> dict[str, float]:
     return {name: _WIDE * twin.widths.get(name, width) for name, width in usual.items()}
 
 
-def lab_text(runs: Sequence[AloneRun], spread: Spread, names: Sequence[str]) -> str:
-    """The model file that holds them as [tolerances]; it can be read."""
+def lab_text(
+    runs: Sequence[AloneRun], spread: Spread, names: Sequence[str], known: ModelFile | None = None
+) -> str:
+    """The model file that holds them as [tolerances], and what was `known` of values; it can be read."""
     rig = runs[0].scenario.rig
     before = runs[0].scenario.widths
-    known = RIGS[rig].tolerances(runs[0].scenario.model)
+    tolerances = RIGS[rig].tolerances(runs[0].scenario.model)
     lines = [
         "# How far healthy rigs of this lab differ, as rattle calibrate --spread learnt it: standard",
         "# deviations; for --model, or for [tolerances] of a scenario. What the runs do not tell is as wide",
@@ -123,11 +141,12 @@ def lab_text(runs: Sequence[AloneRun], spread: Spread, names: Sequence[str]) -> 
         "[tolerances]",
     ]
     for name, width in zip(spread.names, spread.widths, strict=True):
-        usual = known[name]
+        usual = tolerances[name]
         deviation = width * before.get(name, 1.0) * usual.deviation
         lines.append(
             f"{toml_key(name)} = {_written(usual, deviation)}  # usual {_plain(usual, usual.deviation)}"
         )
+    lines += [] if known is None else as_identified(known)
     text = "\n".join([*lines, ""])
     parse_model(text, "model", rig)
     return text

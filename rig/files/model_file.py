@@ -218,6 +218,12 @@ def identified_text(
     return lines
 
 
+def as_identified(model: ModelFile) -> list[str]:
+    """The lines of a model file of what identification found in another."""
+    said = dict.fromkeys(model.model, "as rattle identify found it")
+    return identified_text(model.rig, model.model, model.identified, said) if model.model else []
+
+
 def model_text(
     rig: str,
     runs: Sequence[str],

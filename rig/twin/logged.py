@@ -9,7 +9,7 @@ from math import isclose
 from daq.errors import ConfigurationError, LogError, Problem, UnphysicalParameter
 from daq.log.reader import LogReader
 from rig.files.faults import Faults
-from rig.files.model_file import Identified, ModelFile, identified_text, model_text, parse_model
+from rig.files.model_file import Identified, ModelFile, as_identified, model_text, parse_model
 from rig.files.scenario import Scenario, parse_scenario, widths_of
 from rig.files.table import NOTHING
 from rig.rigs import RIGS
@@ -105,10 +105,7 @@ def as_model_text(
     known = [each for each in twin.model.lasting_tolerances(twin) if each.name in matched.names]
     nominals = {each.name: each.value(twin) for each in known}
     remarks = {each.name: found(each, twin, matched) for each in known}
-    lines: Sequence[str] = ()
-    if before is not None and before.model:
-        said = dict.fromkeys(before.model, "as rattle identify found it")
-        lines = identified_text(before.rig, before.model, before.identified, said)
+    lines = [] if before is None else as_identified(before)
     widths = {each.name: twin.widths[each.name] for each in known if each.name in twin.widths}
     return model_text(
         twin.model.name, runs, scenarios, nominals, matched, remarks, widths, lines, discrepancies

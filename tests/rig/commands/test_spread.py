@@ -16,6 +16,7 @@ from rig.twin.scenario_twin import twin_of
 from sim_twin.diagnosis.spread import Spread
 from tests.rig.commands.cli import Call
 from tests.rig.commands.test_calibrate import SCENARIO, record
+from tests.rig.commands.test_identify import MODEL
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +50,31 @@ def test_too_few_or_the_same_runs_are_refused(call: Call, runs: list[Path], tmp_
         answer = call("calibrate", "--spread", *given, "-o", tmp_path / "lab.toml")
         assert answer.code == 2
         assert "3 different ones at least" in answer.err
-    model = tmp_path / "model.toml"
-    answer = call("calibrate", "--spread", *runs, "--model", model, "-o", tmp_path / "lab.toml")
-    assert answer.code == 2
-    assert "do not go together" in answer.err
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_known_of_the_rigs_values_stands_beside_it(runs: list[Path], tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    known = load_model(tmp_path / "model.toml", "impact_beam")
+    spread = Spread(("contact_stiffness",), np.array([2.0]), 2.0, np.ones(1), np.ones(3))
+    text = lab_text([recorded_alone(runs[0], 20.0)], spread, ["a.mcap"], known)
+    (tmp_path / "both.toml").write_text(text)
+    scenario = parse_scenario(SCENARIO)
+    twin = with_model(
+        twin_of(scenario), load_model(tmp_path / "both.toml", "impact_beam"), scenario, pytest.fail
+    )
+    assert twin.rig.contact_stiffness == 2.4e7
+    assert twin.widths["contact_stiffness"] == pytest.approx(2.0, rel=0.01)
+
+
+def test_a_model_that_says_what_rigs_differ_by_is_learnt_about_by_none(
+    call: Call, runs: list[Path], tmp_path: Path
+) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text('rig = "impact_beam"\nruns = []\nscenarios = []\n[tolerances]\nbeam_density = "2 %"\n')
+    answer = call("calibrate", "--spread", *runs, "--model", lab, "-o", tmp_path / "again.toml")
+    assert answer.code == 1
+    assert "says already what rigs differ by" in answer.err
 
 
 def test_runs_of_rigs_that_differ_in_other_things_are_refused_before_any_long_work(
