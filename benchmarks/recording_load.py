@@ -37,7 +37,7 @@ BENCH = ROOT / "scenarios" / "sixteen_channels.bench.toml"
 SAMPLE_RATE_HZ = 51_200
 EVERY_S = 2.0
 _AN_HOUR_S, MOST_MB_AN_HOUR = 3600.0, 1.0
-_SLOPE_S = 600.0
+_SLOPE_S = 1200.0
 """Of a shorter run memory has no slope: what is taken into use once would be one of GB/h."""
 MIB = 1 << 20
 MOST_CPU = {16: 0.5}
@@ -264,10 +264,15 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
 
 
 def _slope(rss_mib: list[float]) -> float:
-    """MB an hour that a process has grown by in the last two thirds."""
+    """MB an hour that a process has grown by in the last two thirds.
+
+    By the least of each time between two stalls, in which it takes up what waits, and gives it back in parts.
+    """
     steady = np.array(rss_mib[round(len(rss_mib) * _NOT_STEADY) :]) * (MIB / 1e6)
-    hours = np.arange(len(steady)) * EVERY_S / 3600.0
-    return float(np.polyfit(hours, steady, 1)[0]) if len(steady) > 1 else math.nan
+    each = round(_STALLS_EVERY_S / EVERY_S)
+    least = steady[: len(steady) // each * each].reshape(-1, each).min(axis=1)
+    hours = np.arange(len(least)) * _STALLS_EVERY_S / 3600.0
+    return float(np.polyfit(hours, least, 1)[0]) if len(least) > 1 else math.nan
 
 
 def _beside(topic: str) -> float:
