@@ -94,6 +94,12 @@ def values_of(hypothesis: Hypothesis, u: Array) -> Array:
     return np.concatenate([np.zeros((len(u), 0)), *(cause.values(u[:, at]) for cause, at in parts)], axis=1)
 
 
+def places_of(hypothesis: Hypothesis, values: Array) -> Array:
+    """Places in the unit cube of parameters (n, parameters): the inverse of `values_of`."""
+    parts = zip(hypothesis, parts_of(hypothesis), strict=True)
+    return np.concatenate([cause.places(values[:, at]) for cause, at in parts], axis=1)
+
+
 def allowed_by(hypothesis: Hypothesis, values: Array) -> NDArray[np.bool_]:
     """Which rows of parameters may be."""
     allowed = np.ones(len(values), dtype=bool)

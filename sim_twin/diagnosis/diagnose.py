@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.arguments import alone, contrasts
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.belief import Belief, belief_of, contributions, of_a_part, unexplained
+from sim_twin.diagnosis.belief import Belief, belief_of, contributions, of_a_part
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.cause import Hypothesis, named, parts_of
+from sim_twin.diagnosis.explanation import Explaining
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
 from sim_twin.diagnosis.judging import (
@@ -23,11 +24,10 @@ from sim_twin.diagnosis.judging import (
     moved_by,
     refitted,
     repaired_twins,
-    rigs_with,
-    without_idle_partner,
+    without_idle_partners,
 )
 from sim_twin.diagnosis.library import Library
-from sim_twin.diagnosis.refocus import Focus, refocused
+from sim_twin.diagnosis.refocus import Focus
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
@@ -45,7 +45,6 @@ they leave unsure, more of them hardly told."""
 _JUDGED = 4
 _CONFIRMING = 3
 """One in so many motions of the judging goes into rigs of all that the best is held against."""
-_NEAREST = 12
 _FEWEST_ABOUT = 24
 """Rigs about the best explanation in a round: some for each of its parameters, and to tell their scatter."""
 
@@ -99,9 +98,12 @@ def diagnose(
     ranked = of_a_part(ranked, searched)
     measure = gap_measure(library.fingerprints(()), subject.layout)
     rigs = max(_FEWEST_ABOUT, effort.judge // 2)
-    ranked[0], focus = refocused(ranked[0], measured, attribution.moments, told, rigs, judging, rng)
-    like = _like_rigs(ranked[0], focus, library, rigs, judging, rng)
-    left = unexplained(attribution, measure, like, measured, healthy=not ranked[0].hypothesis)
+    explaining = Explaining(search, attribution, measure, rigs, judging, rng)
+    explanation = explaining.completed(explaining.explained(ranked[0]))
+    if search.bring_back([(cause,) for cause in explanation.best.hypothesis]):
+        attribution = search.learn()
+    ranked = explaining.believed(ranked, explanation)
+    focus, left = explanation.focus, explanation.left
     belief = belief_of(attribution, ranked, left, searched)
     fitted_to, judged_on = halves(measured)
     candidates = _candidates(ranked, attribution)
@@ -112,7 +114,7 @@ def diagnose(
     chosen = candidates[0] if belief.verdict == "effect" and candidates else None
     if chosen is not None:
         every = {cause.name for cause in chosen.hypothesis}
-        chosen = without_idle_partner(chosen, candidates, repaired, measure, judged_on)
+        chosen = without_idle_partners(chosen, candidates, repaired, measure, judged_on)
         belief = belief.without(every - {cause.name for cause in chosen.hypothesis})
     twins = repaired.get(chosen.hypothesis) if chosen else None
     if twins is not None and leads_away(measure, judged_on, twins):
@@ -120,13 +122,13 @@ def diagnose(
     distances = separability(attribution, ranked, rng)
     moved = None
     if chosen is not None and twins is not None:
-        moved = moved_by(fits[chosen.hypothesis], library, rng, searched)
+        moved = moved_by(fits[chosen.hypothesis], focus, library, rng, searched)
     gap = gap_between(measure, judged_on, measured, twins, rng, chosen is not None, moved)
     selected = chosen.hypothesis if chosen else ()
     runner_up = _runner_up(candidates, repaired, selected)
     rival = () if runner_up is None else contrasts(measure, judged_on, twins, repaired[runner_up])
     judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)
-    off = alone_off((measure, measure.of_repaired(like)), measured)
+    off = alone_off((measure, measure.of_repaired(explanation.like)), measured)
     unexplained_at = where_unknown(measure, off, subject.causes, library)
     return Findings(
         layout=subject.layout,
@@ -205,32 +207,6 @@ def _repaired(
     known = {} if focus is None else {focus.hypothesis: focus.rigs_at(fits[focus.hypothesis].best())}
     others = {hypothesis: fit for hypothesis, fit in fits.items() if hypothesis not in known}
     return known | repaired_twins(others, motions, execute, rng)
-
-
-def _like_rigs(
-    best: Ranked,
-    focus: Focus | None,
-    library: Library,
-    motions: int,
-    execute: Execute,
-    rng: np.random.Generator,
-) -> Array:
-    """Fingerprints (n, numbers) of rigs as the best hypothesis says; the nearest known where time ran out.
-
-    Healthy ones are simulated anew, too: directions, scatters and floors were made of those that are known,
-    so that these lie nearer to the twin than any other rig.
-    """
-    if focus is not None:
-        return focus.rigs_at(best.best())
-    simulated = rigs_with({best.hypothesis: best.best()}, motions, execute, rng)
-    if best.hypothesis in simulated:
-        return simulated[best.hypothesis]
-    known = np.array([each[0] for each in library.fingerprints(best.hypothesis)], dtype=np.float64)
-    if not best.hypothesis:
-        return known
-    values = library.values(best.hypothesis)
-    far = np.sum(((values - best.best()) / (values.std(axis=0) + 1e-12)) ** 2, axis=1)
-    return known[np.argsort(far)[:_NEAREST]]
 
 
 def _judged(

@@ -13,6 +13,7 @@ from sim_twin.diagnosis.cause import Hypothesis, parts_of, values_of
 from sim_twin.diagnosis.findings import Gap
 from sim_twin.diagnosis.gap import GapMeasure, shrink_of
 from sim_twin.diagnosis.library import Library, Order, order_of
+from sim_twin.diagnosis.refocus import Focus
 from sim_twin.diagnosis.search import Ranked
 from sim_twin.diagnosis.subject import Execute
 
@@ -69,14 +70,19 @@ def rigs_with(
     return {hypothesis: found for hypothesis, found in rigs.items() if len(found) >= _FEWEST_TWINS}
 
 
-def moved_by(fit: Ranked, library: Library, rng: np.random.Generator, known: float = 1.0) -> Array:
+def moved_by(
+    fit: Ranked, focus: Focus | None, library: Library, rng: np.random.Generator, known: float = 1.0
+) -> Array:
     """How far fingerprints lie from those of the fit's best parameters at others of its posterior.
 
-    Shape (draws, numbers). Of each cause by itself, straight in its coordinates, as the library's rigs with
-    it show; the nearer one is, the more it tells. Evidence counts by the share that is `known`.
+    Shape (draws, numbers). By rigs about them where the `focus` is on them; else of each cause by itself,
+    straight in its coordinates, as the library's rigs with it show; the nearer one is, the more it tells.
+    Evidence counts by the share that is `known`.
     """
     best = fit.best()
     values = values_of(fit.hypothesis, fit.posterior.tempered(known).sample(_RESAMPLED, rng))
+    if focus is not None and focus.hypothesis == fit.hypothesis:
+        return focus.moved(best, values)
     moved = np.zeros((_RESAMPLED, 1))
     for cause, at in zip(fit.hypothesis, parts_of(fit.hypothesis), strict=True):
         simulated = cause.coordinates(library.values((cause,)))
@@ -91,24 +97,24 @@ def moved_by(fit: Ranked, library: Library, rng: np.random.Generator, known: flo
     return moved
 
 
-def without_idle_partner(
-    pair: Ranked,
+def without_idle_partners(
+    found: Ranked,
     candidates: Sequence[Ranked],
     repaired: Mapping[Hypothesis, Array],
     measure: GapMeasure,
     judged_on: Blocks,
 ) -> Ranked:
-    """The best of a pair's effects alone, where on data that were not fitted the other mends nothing."""
+    """The fewest of the effects found that mend as much on data that were not fitted as all of them do."""
     left = {
         each.hypothesis: gap_after(measure, judged_on, repaired[each.hypothesis])
         for each in candidates
-        if each.hypothesis in repaired and set(each.hypothesis) <= set(pair.hypothesis)
+        if each.hypothesis in repaired and set(each.hypothesis) <= set(found.hypothesis)
     }
-    alone = [each for each in candidates if len(each.hypothesis) == 1 and each.hypothesis in left]
-    if len(pair.hypothesis) == 1 or pair.hypothesis not in left or not alone:
-        return pair
-    best = min(alone, key=lambda each: left[each.hypothesis])
-    return best if left[best.hypothesis] <= max(_CLOSED, left[pair.hypothesis]) else pair
+    if found.hypothesis not in left:
+        return found
+    enough = max(_CLOSED, left[found.hypothesis])
+    fewer = [each for each in candidates if left.get(each.hypothesis, np.inf) <= enough]
+    return min(fewer, key=lambda each: (len(each.hypothesis), left[each.hypothesis]), default=found)
 
 
 def gap_after(measure: GapMeasure, judged_on: Blocks, twins: Array) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import coordinates_of
-from sim_twin.diagnosis.cause import Hypothesis, allowed_by, values_of
+from sim_twin.diagnosis.cause import Hypothesis, allowed_by, places_of, values_of
 from sim_twin.diagnosis.library import order_of
 from sim_twin.diagnosis.matching import Regression, Response, followed
 from sim_twin.diagnosis.posterior import Posterior, integrate
@@ -77,10 +77,20 @@ class Focus:
 
     def rigs_at(self, values: Array) -> Array:
         """Fingerprints (n, numbers) as if all rigs had these parameters: moved there along straight lines."""
-        z, wanted = self._local(self.places), self._local(_places(self.hypothesis, values[None]))
-        apart = self.rigs - self.rigs.mean(axis=0)
-        slopes = np.linalg.solve(z.T @ z + _RIDGE * np.eye(z.shape[1]), z.T @ apart)
-        return np.asarray(self.rigs + (wanted - z) @ slopes)
+        z, slopes = self._slopes()
+        return np.asarray(self.rigs + (self._at(values[None]) - z) @ slopes)
+
+    def moved(self, best: Array, values: Array) -> Array:
+        """How far rigs of parameters (n, parameters) lie from those of the best, shape (n, numbers)."""
+        _, slopes = self._slopes()
+        return np.asarray((self._at(values) - self._at(best[None])) @ slopes)
+
+    def _at(self, values: Array) -> Array:
+        return self._local(places_of(self.hypothesis, values))
+
+    def _slopes(self) -> tuple[Array, Array]:
+        z, apart = self._local(self.places), self.rigs - self.rigs.mean(axis=0)
+        return z, np.linalg.solve(z.T @ z + _RIDGE * np.eye(z.shape[1]), z.T @ apart)
 
 
 def refocused(
@@ -130,7 +140,7 @@ def _about(
     for cases, observed in zip(order.cases, execute(order.draws), strict=True):
         for (_, values), blocks in zip(cases, observed, strict=bool(observed)):
             if blocks is not None:
-                places.append(_places(hypothesis, values[None])[0])
+                places.append(places_of(hypothesis, values[None])[0])
                 shown.append(blocks)
     if len(shown) < _FEWEST:
         return None
@@ -148,24 +158,20 @@ def _about(
 def _drawn(ranked: Ranked, wider: float, count: int, rng: np.random.Generator) -> Array:
     """Places about the posterior's, on the same side of what a parameter may not be as its best."""
     hypothesis, wide = ranked.hypothesis, ranked.posterior.tempered(wider)
-    parts = np.array([len(p.intervals) for cause in hypothesis for p in cause.parameters])
-    [side] = np.floor(_places(hypothesis, ranked.best()[None]) * parts)
-    kept = np.zeros((0, len(parts)))
+    best = places_of(hypothesis, ranked.best()[None])
+    kept = np.zeros((0, best.shape[1]))
     for _ in range(_TRIES):
         u = wide.sample(count, rng)
         u = np.clip(u + _STEP * rng.standard_normal(u.shape), 0.0, np.nextafter(1.0, 0.0))
-        fits = allowed_by(hypothesis, values_of(hypothesis, u)) & np.all(np.floor(u * parts) == side, axis=1)
+        fits = allowed_by(hypothesis, values_of(hypothesis, u)) & on_side_of(best, hypothesis, u)
         kept = np.concatenate([kept, u[fits]])[:count]
     return kept
 
 
-def _places(hypothesis: Hypothesis, values: Array) -> Array:
-    """Places in the unit cube of parameters (n, parameters)."""
-    found, at = [], 0
-    for cause in hypothesis:
-        found.append(cause.places(values[:, at : at + len(cause.parameters)]))
-        at += len(cause.parameters)
-    return np.concatenate(found, axis=1)
+def on_side_of(place: Array, hypothesis: Hypothesis, u: Array) -> NDArray[np.bool_]:
+    """Which places (n, parameters) lie in the same intervals of their parameters as one (1, parameters)."""
+    parts = np.array([len(p.intervals) for cause in hypothesis for p in cause.parameters])
+    return np.asarray(np.all(np.floor(u * parts) == np.floor(place * parts), axis=1))
 
 
 def _standard(hypothesis: Hypothesis, u: Array, known: Array) -> Array:

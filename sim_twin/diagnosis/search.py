@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import factorial, prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,8 @@ from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Draw, Execute, Observed, OfRuns, Subject
 
 Array = NDArray[np.float64]
-NONE, SINGLE, PAIR = 0.35, 0.45, 0.20
-"""What is believed beforehand of nothing, one, or two effects being missing."""
+BEFOREHAND = (0.35, 0.45, 0.17, 0.03)
+"""What is believed of nothing, one, two or three effects being missing."""
 _FIRST = 0.45
 _REFINED = (0.17, 0.18, 0.12, 0.08)
 _PARTNERS_IN = 1
@@ -135,10 +136,9 @@ class _Seen:
         return [() for _ in draws]
 
 
-def _in_order(first: Cause, second: Cause) -> Hypothesis:
-    """A pair is one hypothesis, whichever cause was found first."""
-    one, other = ((cause.name, cause.channel or "") for cause in (first, second))
-    return (first, second) if one < other else (second, first)
+def in_order(*causes: Cause) -> Hypothesis:
+    """Several are one hypothesis, whichever was found first."""
+    return tuple(sorted(causes, key=lambda cause: (cause.name, cause.channel or "")))
 
 
 def quantile(values: Array, weights: Array, share: float) -> float:
@@ -159,10 +159,15 @@ class Search:
     library: Library
     motions: int
     told: Sequence[float] = ()
+    causes: Sequence[Cause] = ()
+    """What is searched for; none given: all of the subject's."""
     _screening: Screening | None = None
     _ruled_out: dict[Hypothesis, Weighed] = field(default_factory=dict)
     """By the runs that were looked at first; logarithms are those below the best."""
     _seen_first: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.causes = self.causes or self.subject.causes
 
     def run(self) -> tuple[Attribution, list[Ranked]]:
         """Spend the motions, as far as they tell; the most probable hypothesis comes first."""
@@ -212,7 +217,7 @@ class Search:
         if not self.library.count(()):
             self._require_enough()
         screening = self._screening = Screening(causes, self.execute)
-        every: list[Hypothesis] = [(cause,) for cause in self.subject.causes]
+        every: list[Hypothesis] = [(cause,) for cause in self.causes]
         wanted, seen = list(every), list[int]()
         for run in self._telling(runs):
             screening.observe(run, wanted)
@@ -256,7 +261,7 @@ class Search:
     def of_runs(self, runs: Sequence[int], library: Library) -> Search:
         """The same as far as some runs tell, whose fingerprints are in `library`; it simulates nothing."""
         layout = layout_of(self.subject.layout, runs)
-        subject = _Seen(layout, self.subject.causes)
+        subject = _Seen(layout, tuple(self.causes))
         return replace(
             self,
             subject=subject,
@@ -271,12 +276,19 @@ class Search:
         screening = self._screening
         if screening is None or not self._ruled_out:
             return False
-        every: list[Hypothesis] = [(cause,) for cause in self.subject.causes]
+        every: list[Hypothesis] = [(cause,) for cause in self.causes]
         part = self._first_seen(screening, self._seen_first, every)
         attribution, weighed = part._singly()
         pairs = part.promising_pairs(attribution, believed(weighed))
         alone = dict.fromkeys((cause,) for pair in pairs for cause in pair)
-        back = [h for h in alone if h in self._ruled_out][:_BROUGHT_BACK]
+        return self.bring_back([h for h in alone if h in self._ruled_out][:_BROUGHT_BACK])
+
+    def bring_back(self, ruled_out: Sequence[Hypothesis]) -> bool:
+        """Look at all runs for some of what was ruled out by those looked at first; whether any came."""
+        screening = self._screening
+        back = [h for h in ruled_out if h in self._ruled_out]
+        if screening is None or not back:
+            return False
         runs = sorted({cell.run for cell in self.subject.layout.cells})
         for run in runs:
             screening.observe(run, back)
@@ -296,7 +308,7 @@ class Search:
         """Nothing, and every effect alone."""
         return [
             (),
-            *((cause,) for cause in self.subject.causes if self.library.count((cause,)) >= FEWEST),
+            *((cause,) for cause in self.causes if self.library.count((cause,)) >= FEWEST),
         ]
 
     def first_order(self) -> tuple[Order, Order]:
@@ -304,7 +316,7 @@ class Search:
 
         Those of sensors share motions.
         """
-        causes = self.subject.causes
+        causes = self.causes
         motions = int(_FIRST * self.motions)
         healthy = max(_FEWEST_HEALTHY, int(_HEALTHY_SHARE * motions))
         # by the dimensions of the space in which its response is nearly straight
@@ -324,7 +336,7 @@ class Search:
         causes = [each.hypothesis[0] for each in ranked if each.hypothesis]
         likely = _PARTNERS if ranked[0].misfit > _NEEDS_PARTNER else 1
         pairs = [
-            _in_order(first, second)
+            in_order(first, second)
             for k, first in enumerate(causes[:likely])
             for second in causes[k + 1 :]
             if first.name != second.name or first.channel
@@ -336,7 +348,7 @@ class Search:
 
     def partners(self, leading: Ranked, motions: int, wider: float) -> Order:
         """The leading effect, as it may be here, with each other one that moves: their sum need not hold."""
-        moving = [c for c in self.subject.causes if not c.sensing and (c,) != leading.hypothesis]
+        moving = [c for c in self.causes if not c.sensing and (c,) != leading.hypothesis]
         if len(leading.hypothesis) != 1 or not moving:
             return Order()
         each = min(_EACH_PARTNER, motions // len(moving))
@@ -344,7 +356,7 @@ class Search:
             return Order()
         cases: dict[Hypothesis, Array] = {}
         for partner in moving:
-            pair = _in_order(leading.hypothesis[0], partner)
+            pair = in_order(leading.hypothesis[0], partner)
             values = drawn(pair, each, self.rng)
             at = parts_of(pair)[pair.index(leading.hypothesis[0])]
             values[:, at] = self._around(leading, each, wider)
@@ -357,12 +369,11 @@ class Search:
         """How well each hypothesis explains the measurement."""
         place = attribution.place(self.measured).mean(axis=0)
         # effects are alike beforehand, however many channels they may sit on
-        names = [cause.name for cause in self.subject.causes]
+        names = [cause.name for cause in self.causes]
         share = {name: 1 / len(set(names)) / names.count(name) for name in names}
         found = []
         for h in hypotheses:
-            each = [share[cause.name] for cause in h]
-            prior = NONE if not h else SINGLE * each[0] if len(h) == 1 else 2 * PAIR * each[0] * each[1]
+            prior = BEFOREHAND[len(h)] * factorial(len(h)) * prod(share[cause.name] for cause in h)
             posterior = attribution.posterior(h, place, self.rng, effort)
             best = values_of(h, posterior.places[[int(np.argmax(posterior.weights))]])
             misfit = float(attribution.misfit(h, best, place)[0])
@@ -372,7 +383,7 @@ class Search:
     def _require_enough(self, wanted: Sequence[Hypothesis] | None = None) -> None:
         """An effect that was not simulated cannot be ruled out; neither can anything without healthy rigs."""
         if wanted is None:
-            wanted = [(c,) for c in self.subject.causes if (c,) not in self._ruled_out]
+            wanted = [(c,) for c in self.causes if (c,) not in self._ruled_out]
         missing = [h[0].name for h in wanted if self.library.count(h) < FEWEST]
         if missing or self.library.count(()) < _FEWEST_HEALTHY // 3:
             what = ", ".join(dict.fromkeys(missing)) or "healthy rigs"

@@ -20,7 +20,7 @@ from sim_twin.diagnosis.judging import (
     moved_by,
     refitted,
     repaired_twins,
-    without_idle_partner,
+    without_idle_partners,
 )
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
@@ -126,7 +126,7 @@ def test_what_is_left_open_of_a_parameter_widens_the_interval_of_the_shrink() ->
         posterior=replace(fit.posterior, weights=np.full_like(fit.posterior.weights, 1 / len(fit.values()))),
     )
     moved = {
-        name: moved_by(one, library, np.random.default_rng(6))
+        name: moved_by(one, None, library, np.random.default_rng(6))
         for name, one in (("sure", fit), ("open", flat))
     }
     # the slope of size and a tenth of its square over the logarithm of size, in which it is searched
@@ -188,9 +188,9 @@ def test_a_second_effect_that_mends_nothing_is_not_selected() -> None:
     repaired = {(LEFT,): twins(2.0), (LEFT, RIGHT): twins_of(both(2.0, 3.0))}
     for measured, expected in ((LEFT_2, single), (both(2.0, 3.0), pair)):
         judged_on = recording(measured, RIG, 2)
-        found = without_idle_partner(pair, [pair, single], repaired, measure(), judged_on)
+        found = without_idle_partners(pair, [pair, single], repaired, measure(), judged_on)
         assert found is expected
-    assert without_idle_partner(single, [single], repaired, measure(), recording(LEFT_2, RIG, 2)) is single
+    assert without_idle_partners(single, [single], repaired, measure(), recording(LEFT_2, RIG, 2)) is single
 
 
 def test_a_repair_that_leads_away_is_refuted_and_one_that_closes_the_gap_is_not() -> None:

@@ -1,0 +1,102 @@
+"""What the best hypothesis leaves of a measurement, by rigs about it; and what leaves less beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_twin.diagnosis.attribution import Attribution
+from sim_twin.diagnosis.belief import Unexplained, unexplained
+from sim_twin.diagnosis.beside import with_others
+from sim_twin.diagnosis.gap import GapMeasure
+from sim_twin.diagnosis.judging import rigs_with
+from sim_twin.diagnosis.refocus import Focus, refocused
+from sim_twin.diagnosis.search import Ranked, Search
+from sim_twin.diagnosis.subject import Execute
+
+Array = NDArray[np.float64]
+_NEAREST = 12
+_OPEN, _BELIEVED = 0.2, 0.5
+"""Probability of something unknown from which on more is looked for beside what was found, and below which
+that is believed."""
+_LESS = 0.7
+"""Of misfit and unknown is the most that an effect which is there may leave."""
+_LEFT = 0.1
+"""Of what was believed of the others, what is left once more than they say was found."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """The best hypothesis, its `focus` where it has one, `like` rigs (n, numbers), and what these leave."""
+
+    best: Ranked
+    focus: Focus | None
+    like: Array
+    left: Unexplained
+
+
+@dataclass(frozen=True, slots=True)
+class Explaining:
+    """Explains the measurement of a `search` by rounds of `rigs`, which `execute` simulates."""
+
+    search: Search
+    attribution: Attribution
+    measure: GapMeasure
+    rigs: int
+    execute: Execute
+    rng: np.random.Generator
+
+    def explained(self, ranked: Ranked) -> Explanation:
+        """What rigs about it leave, its parameters being those that they tell."""
+        search = self.search
+        best, focus = refocused(
+            ranked, search.measured, self.attribution.moments, search.told,
+            self.rigs * max(1, len(ranked.hypothesis)), self.execute, self.rng,
+        )  # fmt: skip
+        like = self._like(best, focus)
+        healthy = not best.hypothesis
+        left = unexplained(self.attribution, self.measure, like, search.measured, healthy=healthy)
+        return Explanation(best, focus, like, left)
+
+    def _like(self, best: Ranked, focus: Focus | None) -> Array:
+        """Fingerprints (n, numbers) of rigs as the best hypothesis says; the nearest known if there are none.
+
+        Healthy ones are simulated anew, too: directions, scatters and floors were made of those that are
+        known, so that these lie nearer to the twin than any other rig.
+        """
+        if focus is not None:
+            return focus.rigs_at(best.best())
+        simulated = rigs_with({best.hypothesis: best.best()}, self.rigs, self.execute, self.rng)
+        if best.hypothesis in simulated:
+            return simulated[best.hypothesis]
+        library = self.search.library
+        known = np.array([each[0] for each in library.fingerprints(best.hypothesis)], dtype=np.float64)
+        if not best.hypothesis:
+            return known
+        values = library.values(best.hypothesis)
+        far = np.sum(((values - best.best()) / (values.std(axis=0) + 1e-12)) ** 2, axis=1)
+        return known[np.argsort(far)[:_NEAREST]]
+
+    def completed(self, found: Explanation) -> Explanation:
+        """What was found, or with it what acts beside it, if that leaves less unknown."""
+        best = last = found
+        while last.left.unknown > _OPEN:
+            joint = with_others(self.search, last.best, self.rng)
+            if joint is None:
+                break
+            before, last = last, self.explained(joint)
+            if last.focus is None or last.left.misfit > _LESS * before.left.misfit:
+                break
+            if last.left.unknown < min(_BELIEVED, _LESS * best.left.unknown):
+                best = last
+        return best
+
+    def believed(self, ranked: Sequence[Ranked], found: Explanation) -> list[Ranked]:
+        """The ranking once an explanation was found that needs more than the first of it says."""
+        if found.best.hypothesis == ranked[0].hypothesis:
+            return [found.best, *ranked[1:]]
+        others = [replace(each, probability=_LEFT * each.probability) for each in ranked]
+        return [replace(found.best, probability=1 - _LEFT), *others]
