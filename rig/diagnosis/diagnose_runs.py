@@ -75,9 +75,9 @@ def diagnose_runs(
     latest_s = max(1.0, effort) * budget_s
     told = _text_of(model)
     kept = Kept(data.campaign, told, screen.warn)
-    work = work_of("diagnose again" if kept.some else "diagnose", data.campaign, [1] * planned.motions)
+    work = work_of("diagnose again" if kept.some else "diagnose", data.campaign, [1] * planned.most)
     with (
-        screen.bar("simulating", planned.motions, "rigs", work, longest_s=_OVERTIME * latest_s) as bar,
+        screen.bar("simulating", planned.most, "rigs", work, longest_s=_OVERTIME * latest_s) as bar,
         workers_when_needed(cores()) as workers,
     ):
         simulated = Simulated(data.campaign, workers, began + _OVERTIME * latest_s, bar)

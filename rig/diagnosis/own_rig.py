@@ -95,7 +95,7 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
             with screen.busy("checking the subject", Work(f"check {name} on {cores()}", rigs)):
                 checked = check(subject, measured, look, request.seed, rigs)
             _tell(request.subject, checked, screen)
-            total = len(seeds) * effort.motions
+            total = len(seeds) * effort.most
             with screen.bar("simulating", total, "rigs", Work(f"{name} on {cores()}", total)) as bar:
                 shown = Simulated(subject, workers().executor, began + _NO_DEADLINE, bar)
                 each = [diagnose(subject, measured, effort, shown, seed) for seed in seeds]
@@ -105,7 +105,7 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
             )
             for times, other in others.items():
                 told = f"with healthy rigs {times:g} times as wide"
-                with screen.bar(told, effort.motions, "rigs") as bar:
+                with screen.bar(told, effort.most, "rigs") as bar:
                     shown = Simulated(other, workers().executor, began + _NO_DEADLINE, bar)
                     widths[times] = diagnose(other, measured, effort, shown, request.seed)
     except RattleError:

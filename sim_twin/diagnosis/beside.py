@@ -41,28 +41,36 @@ def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Rank
     if not found.hypothesis or room < 1 or not others:
         return None
     wide = _wide(found, rng)
+    with_found = _With(search.execute, found.hypothesis, wide)
     second = Search(
-        search.subject, search.measured, _With(search.execute, found.hypothesis, wide), rng, Library(),
-        search.motions, search.told, others,
-    )  # fmt: skip
+        search.subject, search.measured, with_found, rng, Library(), search.motions, search.told, others
+    )
     try:
         _, ranked = second.run()
     except SimulationFailed:
+        return None
+    if with_found.cut_short:
         return None
     added = next(each for each in ranked if 0 < len(each.hypothesis) <= room)
     return _joined(replace(found, posterior=wide), added, rng)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _With:
-    """Has draws observed with found effects in, whose parameters the seed of each draw decides."""
+    """Has draws observed with found effects in, whose parameters the seed of each draw decides.
+
+    `cut_short`: there was no time for some.
+    """
 
     execute: Execute
     found: Hypothesis
     posterior: Posterior
+    cut_short: bool = False
 
     def __call__(self, draws: Sequence[Draw]) -> Sequence[Observed]:
-        return self.execute([self._with_found(draw) for draw in draws])
+        shown = self.execute([self._with_found(draw) for draw in draws])
+        self.cut_short |= not all(shown)
+        return shown
 
     def _with_found(self, draw: Draw) -> Draw:
         rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(_APART,)))

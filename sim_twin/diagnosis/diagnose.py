@@ -63,6 +63,11 @@ class Effort:
     def motions(self) -> int:
         return self.search + self.judge
 
+    @property
+    def most(self) -> int:
+        """With another search, beside what was found."""
+        return self.motions + self.search
+
 
 def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     """What fits into `budget_s` seconds of two cores by the rig's rated speed; the same on every machine."""

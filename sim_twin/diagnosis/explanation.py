@@ -23,7 +23,7 @@ _OPEN, _BELIEVED = 0.2, 0.5
 """Probability of something unknown from which on more is looked for beside what was found, and below which
 that is believed."""
 _LESS = 0.7
-"""Of misfit and unknown is the most that an effect which is there may leave."""
+"""Of what is unknown is the most that effects which are there may leave."""
 _LEFT = 0.1
 """Of what was believed of the others, what is left once more than they say was found."""
 
@@ -82,17 +82,14 @@ class Explaining:
 
     def completed(self, found: Explanation) -> Explanation:
         """What was found, or with it what acts beside it, if that leaves less unknown."""
-        best = last = found
-        while last.left.unknown > _OPEN:
-            joint = with_others(self.search, last.best, self.rng)
-            if joint is None:
-                break
-            before, last = last, self.explained(joint)
-            if last.focus is None or last.left.misfit > _LESS * before.left.misfit:
-                break
-            if last.left.unknown < min(_BELIEVED, _LESS * best.left.unknown):
-                best = last
-        return best
+        if found.left.unknown <= _OPEN:
+            return found
+        joint = with_others(self.search, found.best, self.rng)
+        if joint is None:
+            return found
+        tried = self.explained(joint)
+        closes = tried.left.unknown < min(_BELIEVED, _LESS * found.left.unknown)
+        return tried if closes and tried.focus is not None else found
 
     def believed(self, ranked: Sequence[Ranked], found: Explanation) -> list[Ranked]:
         """The ranking once an explanation was found that needs more than the first of it says."""
