@@ -19,11 +19,9 @@ from sim_twin.diagnosis.subject import Execute
 
 Array = NDArray[np.float64]
 _NEAREST = 12
-_OPEN, _BELIEVED = 0.2, 0.5
+_OPEN = 0.2
 """Probability of something unknown from which on more is looked for beside what was found, and below which
-that is believed."""
-_LESS = 0.7
-"""Of what is unknown is the most that effects which are there may leave."""
+what comes of that is believed."""
 _LEFT = 0.1
 """Of what was believed of the others, what is left once more than they say was found."""
 
@@ -88,8 +86,7 @@ class Explaining:
         if joint is None:
             return found
         tried = self.explained(joint)
-        closes = tried.left.unknown < min(_BELIEVED, _LESS * found.left.unknown)
-        return tried if closes and tried.focus is not None else found
+        return tried if tried.left.unknown < _OPEN and tried.focus is not None else found
 
     def believed(self, ranked: Sequence[Ranked], found: Explanation) -> list[Ranked]:
         """The ranking once an explanation was found that needs more than the first of it says."""
