@@ -198,7 +198,7 @@ def checked_out(other: str) -> Iterator[Path]:
         at = Path(folder) / "other"
         subprocess.run([*worktree, "add", "--detach", "--quiet", at, other], check=True)  # noqa: S603
         try:
-            subprocess.run([at / "scripts" / "setup"], cwd=at, check=True, stdout=subprocess.DEVNULL)  # noqa: S603
+            subprocess.run([at / "scripts" / "setup"], cwd=at, check=True, capture_output=True)  # noqa: S603
             yield at
         finally:
             subprocess.run([*worktree, "remove", "--force", at], check=True)  # noqa: S603
