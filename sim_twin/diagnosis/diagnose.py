@@ -125,11 +125,9 @@ def diagnose(
     if twins is not None and leads_away(measure, judged_on, twins):
         chosen, twins, belief = None, None, belief.refuted()
     distances = separability(attribution, ranked, rng)
-    moved = None
-    if chosen is not None and twins is not None:
-        moved = moved_by(fits[chosen.hypothesis], focus, library, rng, searched)
-    gap = gap_between(measure, judged_on, measured, twins, rng, chosen is not None, moved)
     selected = chosen.hypothesis if chosen else ()
+    moved = None if twins is None else moved_by(fits[selected], focus, library, rng, searched)
+    gap = gap_between(measure, judged_on, measured, twins, rng, chosen is not None, moved)
     runner_up = _runner_up(candidates, repaired, selected)
     rival = () if runner_up is None else contrasts(measure, judged_on, twins, repaired[runner_up])
     judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+from collections.abc import Iterable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -254,13 +255,21 @@ def test_what_was_settled_in_no_table_is_a_log_error(tmp_path: Path, text: str) 
         replay_log(path, 0, None, silent_screen(), SteppedClock())
 
 
-def test_cycles_quicker_than_the_samples_are_not_counted(tmp_path: Path) -> None:
-    path, drive = tmp_path / "log.mcap", CHANNELS[0]
+def of_drive(path: Path, rate: float, firsts: Iterable[int]) -> Path:
+    """A log of nine samples of the drive from each of `firsts` on, which says what was settled."""
+    drive = CHANNELS[0]
     with LogWriter(path) as log:
         log.declare("measured", drive)
         log.add_metadata("scenario", {"toml": SCENARIO + ACQUISITION})
         log.add_metadata(RECORD, {"measured": json.dumps(SETTLED)})
-        log.add_block("measured", SampleBlock(drive.name, 0, START_NS, 0.01, np.zeros(9)), START_NS)
+        for first in firsts:
+            time_ns = sample_time_ns(START_NS, first, rate)
+            log.add_block("measured", SampleBlock(drive.name, first, time_ns, rate, np.zeros(9)), time_ns)
+    return path
+
+
+def test_cycles_quicker_than_the_samples_are_not_counted(tmp_path: Path) -> None:
+    path = of_drive(tmp_path / "log.mcap", 0.01, [0])
     assert replay_log(path, 0, None, silent_screen(), SteppedClock()) == 1
 
 
@@ -290,15 +299,7 @@ def test_a_hole_out_of_this_world_is_not_filled(tmp_path: Path) -> None:
 
 def test_hours_without_end_between_blocks_are_not_counted_through(tmp_path: Path) -> None:
     """720 000 cycles of the drive in ten blocks of nine samples, and a thousand more blocks."""
-    path, drive = tmp_path / "log.mcap", CHANNELS[0]
-    with LogWriter(path) as log:
-        log.declare("measured", drive)
-        log.add_metadata("scenario", {"toml": SCENARIO + ACQUISITION})
-        log.add_metadata(RECORD, {"measured": json.dumps(SETTLED)})
-        for number in range(1000):
-            first = round(number * 3590 * RATE)
-            time_ns = sample_time_ns(START_NS, first, RATE)
-            log.add_block("measured", SampleBlock(drive.name, first, time_ns, RATE, np.zeros(9)), time_ns)
+    path = of_drive(tmp_path / "log.mcap", RATE, (round(number * 3590 * RATE) for number in range(1000)))
     with pytest.raises(LogError, match="more would come of it than of any honest recording"):
         replay_log(path, 0, None, silent_screen(), SteppedClock())
 
