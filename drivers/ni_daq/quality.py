@@ -48,8 +48,11 @@ class QualityWatch:
     def flags(self, values: NDArray[np.float64]) -> list[Flag]:
         """Return what the log's flags can say of a block, one entry a channel."""
         finite = np.all(np.isfinite(values), axis=1).tolist()
-        # NaN compares false: what is not finite has a flag of its own.
-        beyond = np.any(np.abs(values) >= self._limits, axis=1).tolist()
+        # NaN is passed over: what is not finite has a flag of its own.
+        highest, lowest = (
+            each.reduce(values, axis=1, keepdims=True, initial=0.0) for each in (np.fmax, np.fmin)
+        )
+        beyond = (np.fmax(highest, -lowest) >= self._limits).ravel().tolist()
         for row in self._analog:
             # near full scale, some samples in a row that are equal tell the same
             high = np.abs(values[row]) >= float(self._limits[row, 0]) * NEAR_FULL_SCALE

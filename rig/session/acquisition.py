@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from rig.session.interlock import LimitWatch, Passed
 from rig.stream import Block, Stream
 
 BLOCK_S = 0.075  # a limit is seen within a reading and off within 0.15 s; a call's cost is small against it
+_READINGS = 2  # to a block of the record: whoever takes one pays for each, be it as long as it will
 _TAKES_S, _READS_S = 0.6, 0.8
 """What comes to a reading; a block and the card's own margins (0.675 s), whose word says more. Whoever needs
 longer watches no limit."""
@@ -82,7 +84,9 @@ class Acquisition:
         self.alarm = threading.Event()  # set where one of these comes, for whoever need not wait for a look
         self._due_s = math.inf  # by when its thread is to have done what it is at; the guard's thread looks
         self.overloads = dict.fromkeys(self._names, 0)
-        self.turned_off = dict[str, float]()
+        self.turned_off = dict[str, float]()  # of each angle, rad: set by the first reading of the record
+        self._held = list[CardReading]()  # what the next block of the record is made of
+        self._held_from = 0, 0  # where that record began, and which of its samples the block begins with
 
     def __enter__(self) -> Acquisition:
         self._card.arm()  # before the clock looks: only the start itself lies between its two looks
@@ -133,21 +137,26 @@ class Acquisition:
         return reading.first_sample < until and end_of(reading) > begin
 
     def end_record(self, reading: CardReading) -> None:
+        """In the acquisition thread: the record ends with this reading."""
+        self._hand_on()
         with self.changed:
             if self.record_until is not None and self.records(reading):
                 self.record_until = min(self.record_until, end_of(reading))
 
     def _run(self) -> None:
         try:
-            while not self._stop.is_set():
-                self._due_s = self._clock.monotonic_s() + _READS_S
-                reading = self._card.read(self._count)
-                self._due_s = self._clock.monotonic_s() + _TAKES_S
-                self.base.arrived(end_of(reading), reading.arrived_s)
-                for take in self._readers:  # limits first, for whoever comes after may be slow
-                    take(reading)
-                with self.changed:
-                    self.changed.notify_all()
+            try:
+                while not self._stop.is_set():
+                    self._due_s = self._clock.monotonic_s() + _READS_S
+                    reading = self._card.read(self._count)
+                    self._due_s = self._clock.monotonic_s() + _TAKES_S
+                    self.base.arrived(end_of(reading), reading.arrived_s)
+                    for take in self._readers:  # limits first, for whoever comes after may be slow
+                        take(reading)
+                    with self.changed:
+                        self.changed.notify_all()
+            finally:
+                self._hand_on()  # what came before it stopped, or failed
             self._card.stop()
         except RattleError as error:
             self.error = error
@@ -192,13 +201,30 @@ class Acquisition:
         high = min(reading.values.shape[1], until - reading.first_sample)
         if high <= low:
             return
-        first, rate = reading.first_sample + low - begin, self._card.sample_rate
-        time_ns = sample_time_ns(self.record_start_ns, first, rate)
-        for name, row, flags in zip(self._names, reading.values[:, low:high], reading.flags, strict=True):
-            if name.endswith(".angle"):  # less the whole turns that it had made before the record began
-                if name not in self.turned_off:
+        if self._held and reading.flags != self._held[0].flags:  # which are those of all samples of a block
+            self._hand_on()
+        if not self._held:
+            self._held_from = begin, reading.first_sample + low - begin
+        part = replace(reading, values=reading.values[:, low:high])
+        if not self.turned_off:
+            for name, row in zip(self._names, part.values, strict=True):
+                if name.endswith(".angle"):  # less the whole turns that it had made before the record began
                     begun = float(row[0]) if np.isfinite(row[0]) else 0.0
                     self.turned_off[name] = math.tau * math.floor(begun / math.tau)
+        self._held.append(part)
+        if len(self._held) == _READINGS or reading.first_sample + high == until:
+            self._hand_on()
+
+    def _hand_on(self) -> None:
+        """Make a block of what is held."""
+        held, self._held = self._held, []
+        if not held:
+            return
+        (begin, first), rate = self._held_from, self._card.sample_rate
+        time_ns = sample_time_ns(sample_time_ns(self.base.start_ns, begin, rate), first, rate)
+        rows_of_all = (np.concatenate(each) for each in zip(*(each.values for each in held), strict=True))
+        for name, row, flags in zip(self._names, rows_of_all, held[0].flags, strict=True):
+            if name in self.turned_off:
                 row = row - self.turned_off[name]
             samples = SampleBlock(name, first, time_ns, rate, as_logged(name, row), flags)
             self._stream(Block("measured", samples))

@@ -24,7 +24,8 @@ class Levels:
 
     def take(self, reading: CardReading) -> None:
         if self._rows:
-            self._most = np.fmax(self._most, np.fmax.reduce(np.abs(reading.values[self._rows]), axis=1))
+            highest, lowest = (each.reduce(reading.values, axis=1) for each in (np.fmax, np.fmin))
+            self._most = np.fmax(self._most, np.fmax(highest, -lowest)[self._rows])
 
     def worst(self) -> str:
         """The channel that has come nearest to its limit or range, in words; nothing where none has one."""

@@ -32,6 +32,8 @@ _START_S = 30.0  # a new interpreter that loads a driver, on a busy machine
 _AGAIN_S, _ANSWER_S = 1.0, 2.0  # between two tries to switch off; what the run waits for `go_on`
 _SLEPT_S = 0.05
 """Later than so by itself, this process was not let run: nor was the one that it watches."""
+_ANSWERED = 10
+"""Every so manyth sign of life is answered: each costs both processes as much as all else that they watch."""
 _UNANSWERED = 250
 """Signs of life without an answer: 5 s. A busy machine keeps it from answering for half a second."""
 _MOST_FILES = 1024  # the usual limit of open files of a process
@@ -95,8 +97,7 @@ class Supervisor:
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
         watched = spare, locks, emulated, by_hand, line, latch, hurry_s
         self._child = Child("supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None)
-        self._pipe_has = select.poll()  # Connection.poll makes one for each of a hundred looks a second
-        self._pipe_has.register(self._child.pipe.fileno(), select.POLLIN)
+        self._pipe_has = _looks_at(self._child.pipe)
 
     def launch(self) -> None:
         """Start the process, which takes seconds; `with` waits for it and `close` ends it."""
@@ -195,6 +196,13 @@ class Supervisor:
         finally:
             self._hearing.release()
         return self._told
+
+
+def _looks_at(pipe: Connection) -> select.poll:
+    """Whether anything has come; `Connection.poll` makes one of these for each of its looks."""
+    looks = select.poll()
+    looks.register(pipe.fileno(), select.POLLIN)
+    return looks
 
 
 def _supervise(
@@ -296,6 +304,7 @@ def _await_silence(
     Once `line` is seen open, which `latching` and the run are told, it may be silent for `hurry_s` at most.
     """
     until_s, patience_s, longest_s, slept = math.inf, 0.0, math.inf, False  # no beat yet: nothing moves
+    pipe_has, signs = _looks_at(pipe), 0
     os.set_blocking(pipe.fileno(), False)  # a run that reads nothing must not keep it from switching off
     try:
         pipe.send(_READY)
@@ -307,13 +316,15 @@ def _await_silence(
                 latching.give(seen)
                 pipe.send(seen)
             wait_s = min(max(until_s - time.monotonic(), 0.0), math.inf if line is None else LOOK_S)
-            if pipe.poll(None if wait_s == math.inf else wait_s):
+            if pipe_has.poll(None if wait_s == math.inf else wait_s * 1e3):
                 message = pipe.recv()
                 if message in (_DONE, _OFF):
                     return None if message == _DONE else _OFF
                 patience_s, slept = message, False
-                with suppress(BlockingIOError):  # nobody reads them: that is for the run to see
-                    pipe.send(_HEARD)
+                if signs % _ANSWERED == 0:
+                    with suppress(BlockingIOError):  # nobody reads them: that is for the run to see
+                        pipe.send(_HEARD)
+                signs += 1
             elif line is not None and time.monotonic() < until_s:
                 continue
             elif slept or time.monotonic() - until_s < _SLEPT_S:
