@@ -196,15 +196,16 @@ def judged_bench(number: int, name: str, rigs: int, seed: int) -> dict[str, Any]
     """Whether the healthy rig of this number lies within by each log, its gaps in words, and what it cost."""
     scenario = load_scenario(Path("scenarios") / f"{name}.toml")
     rng, screen = np.random.default_rng([seed, 9]), Screen(Terminal(stderr=True))
-    bench, plain = odd_bench(name, scenario.acquisition.sample_rate, rng), embedded_bench(name)
+    rate = scenario.acquisition.sample_rate
+    bench, plain = odd_bench(name, rate, rng), embedded_bench(name)
     began_s = _processors_s()
     odd, usual = (measured(scenario, each, 1000 + seed) for each in (bench, plain))
     found: dict[str, Any] = {"rig": name}
     with tempfile.TemporaryDirectory() as folder:
         for kind, seen, of, record in (
-            ("declared", odd, bench, declared_by(bench)),
+            ("declared", odd, bench, declared_by(bench, rate)),
             ("not", odd, bench, {}),
-            ("usual", usual, plain, declared_by(plain)),
+            ("usual", usual, plain, declared_by(plain, rate)),
         ):
             path = Path(folder) / f"{name}_{number}_{kind}.mcap"
             write(path, scenario, of, record, seen)

@@ -27,12 +27,25 @@ _TWO_UNITS: Final = {"rpm or rad/s": "rpm|rad/s", "deg or rad": "^(deg|rad)$", "
 
 
 @dataclass(frozen=True, slots=True)
+class Samples:
+    """A time as so many periods of the sample clock, which are as many whatever its rate."""
+
+    count: float
+
+
+def seconds(time: float | Samples | None, rate_hz: float) -> float:
+    """A time in s where the clock goes at `rate_hz`; 0 for none."""
+    return time.count / rate_hz if isinstance(time, Samples) else time or 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Quantity:
     """What a person may ask for: a number from `low` to `high` in `unit`; `above` leaves `low` itself out.
 
     The setting itself is in SI, or in `unit` where its name ends with it (`kept`). `key` is its name in a
     file, if that is another one; `default` what a file that lacks it means, where the class has no default of
-    its own. `usual`, in `unit`, is what a file that shows every key has for one without a default.
+    its own. `usual`, in `unit`, is what a file that shows every key has for one without a default. A time
+    whose type has `Samples` too may be up to `samples` of them instead.
     """
 
     unit: str
@@ -43,6 +56,7 @@ class Quantity:
     key: str = ""
     default: float | None = None
     usual: float | None = None
+    samples: float = 0.0
 
     @property
     def two_units(self) -> str:

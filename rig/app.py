@@ -26,7 +26,6 @@ from rig.instruments import INSTRUMENTS, actuator_of
 from rig.session.devices import Devices
 from rig.session.pace import Work
 from rig.session.progress import Screen
-from rig.twin.chains import chain_record
 
 if TYPE_CHECKING:
     from rig.session.by_hand import ShaftSeen
@@ -37,7 +36,7 @@ def connect(
     scenario: Scenario, bench: Bench, stack: ExitStack, screen: Screen
 ) -> tuple[Devices, dict[str, str]]:
     """Start what the bench emulates, make its devices (not opened yet), and note what is emulated."""
-    emulated, notes = NOTHING_EMULATED, chain_record(bench)
+    emulated, notes = NOTHING_EMULATED, dict[str, str]()
     if bench.emulated:
         with screen.busy(STARTING, Work(f"start {scenario.rig}"), first_start(bench)):
             emulated = stack.enter_context(emulated_bench(scenario, bench))

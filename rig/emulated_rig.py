@@ -61,7 +61,7 @@ def _counts_otherwise(sensor: Any, other: Any) -> bool:
 def drawn_rig(scenario: Scenario, bench: Bench, seed: int, run_seed: int) -> EmulatedRig:
     """The rig of a scenario as it really is: with the bench's effects, drawn by the seeds."""
     twin = twin_of(scenario, (channel.name for channel in bench.daq_card.channels))
-    declared = declared_by(bench)
+    declared = declared_by(bench, scenario.acquisition.sample_rate)
     shown = with_chains(twin, declared).sensors
     # what its card makes of it, the card does: an encoder of other counts counts the angle itself
     angles = {

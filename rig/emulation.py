@@ -157,7 +157,7 @@ def wiring_of(bench: Bench) -> CardWiring:
                 low_pass=None if low_pass is None else LowPassStage(low_pass.corner_hz, low_pass.order),
                 corner_hz=channel.corner_hz,
                 resonance_hz=channel.resonance_hz,
-                delay_s=channel.delay_s or 0.0,
+                delay=channel.delay or 0.0,
                 mark=None if mark is None else MarkStage(mark.level, mark.falling),
             )
     line = bench.daq_card.stop_line

@@ -11,7 +11,7 @@ from datetime import date
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from daq.errors import Problem
-from daq.quantity import Check, Depending, Flat, Key, Quantity, Text, Whole, Words, rule
+from daq.quantity import Check, Depending, Flat, Key, Quantity, Samples, Text, Whole, Words, rule
 from drivers.ni_daq.sensing import (
     GAIN,
     INPUT_WORDS,
@@ -157,7 +157,7 @@ class CardChannel:
 
     `in_stinger` says of a drive's force whether a gauge between shaker and rig shows it, or it is the coil's.
     `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` the sensor's own as it is mounted; by
-    `delay_s` an input shows later than a counter what happens. One that is `inverted` gives below zero what
+    `delay` (s) an input shows later than a counter what happens. One that is `inverted` gives below zero what
     the rig calls positive, and is turned round where it is read.
     """
 
@@ -180,7 +180,7 @@ class CardChannel:
     in_stinger: Annotated[bool | None, Words({"coil": False, "stinger": True}, key="senses")] = None
     corner_hz: Annotated[float | None, Quantity("Hz", 0, 1000, above=True, key="corner")] = None
     resonance_hz: Annotated[float | None, Quantity("kHz", 0.1, 1000, key="resonance")] = None
-    delay_s: Annotated[float | None, Quantity("ms", 0, 20, key="delay")] = None
+    delay: Annotated[float | Samples | None, Quantity("ms", 0, 200, samples=100)] = None
     inverted: Annotated[bool | None, Key()] = None
     unit: str = "V"  # this and what follows: by the rig's table of channels, no keys of a bench file
     quantity: str = ""

@@ -21,6 +21,7 @@ from daq.quantity import (
     Check,
     Depending,
     Quantity,
+    Samples,
     Setting,
     Text,
     Whole,
@@ -29,7 +30,7 @@ from daq.quantity import (
     settings_of,
 )
 from rig.files.faults import Faults, dotted
-from rig.files.quantity import QuantityError, si_factor, si_value
+from rig.files.quantity import QuantityError, si_factor, si_value, written
 
 Section = TypeVar("Section")
 NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
@@ -70,6 +71,8 @@ def field_of(setting: Setting) -> Field:
     said = [
         " or ".join(f'"{word}"' for word in get_args(kind))
         if get_origin(kind) is Literal
+        else str(_in_samples(meaning))
+        if kind is Samples
         else _BY_TYPE.get(kind, str(meaning))
         for kind in kinds
     ]
@@ -88,6 +91,8 @@ def _readable(kind: Any, meaning: object) -> Any:
     match meaning:
         case Quantity() if kind is float:
             return Annotated[float, PlainValidator(functools.partial(_in_si, meaning))]
+        case Quantity() if kind is Samples:
+            return Annotated[Samples, PlainValidator(functools.partial(_samples, _in_samples(meaning)))]
         case Quantity() if get_origin(kind) is tuple:
             return Annotated[
                 Any, PlainValidator(functools.partial(_each_in_si, meaning, len(get_args(kind))))
@@ -136,6 +141,22 @@ def _in_si(quantity: Quantity, value: object) -> float:
     if not inside or (quantity.above and si <= low):
         raise _explained(str(quantity))
     return round(si / scale, _KEPT_DIGITS) if quantity.kept else si
+
+
+def _in_samples(quantity: Any) -> Quantity:
+    """What the same setting may be, counted in samples."""
+    return Quantity("samples", 0, quantity.samples)
+
+
+def _samples(quantity: Quantity, value: object) -> Samples:
+    """So many "39 samples"; no unit of a kind that any other is of."""
+    try:
+        count, unit = written(value) if isinstance(value, str) else (math.nan, "")
+    except QuantityError as error:
+        raise _explained(str(quantity)) from error
+    if unit not in ("samples", "sample") or not quantity.low <= count <= quantity.high:
+        raise _explained(str(quantity))
+    return Samples(count)
 
 
 def _each_in_si(quantity: Quantity, count: int, values: object) -> tuple[float, ...]:

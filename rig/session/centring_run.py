@@ -59,7 +59,7 @@ def find_centre(
         devices, notes = connected(stack, connect, scenario, bench, screen, stop)
         rig = DrivenRig(bench, devices, stop, screen, RunClock(clock))
         if (shown := RIGS[scenario.rig].channels.drive) in rig.names:
-            twin = twin_of(scenario, rig.names, declared_by(bench))
+            twin = twin_of(scenario, rig.names, declared_by(bench, rig.sample_rate))
             sine = replace(twin.drive, frequency=plan.frequency, amplitude=plan.sine.amplitude)
             rig.hold_force(shown, plan.frequency, replace(twin, drive=sine))
         beam = RigBeam(rig, scenario, plan)

@@ -21,7 +21,7 @@ from rig.files.software import software
 from rig.session.devices import Devices
 from rig.session.progress import Screen
 from rig.stream import Block, Consumer, Metadata, Record, Stream
-from rig.twin.chains import scale_record
+from rig.twin.chains import CHAIN, declared_by
 
 _LONGEST_NAME = 60
 _EVERY_S = 1.0
@@ -42,16 +42,13 @@ def new_log(folder: Path, name: str, clock: Clock) -> Path:
 def run_record(
     bench: Bench, devices: Devices, notes: Mapping[str, str], run_id: str, clock: Clock
 ) -> dict[str, str]:
-    """The log's `run` record: identity, time, software, digests of what the run depended on, and `notes`.
-
-    Notes on chains of sensors (`chain.<channel>`) count for the digest of the calibrations.
-    """
+    """The log's `run` record: identity, time, software, digests of what the run depended on, and `notes`."""
     calibration = [
         f"{c.name} {c.serial} {c.sensitivity} {c.gain} {c.calibrated} {c.valid_until}"
         for c in bench.daq_card.channels
     ]
-    calibration += [f"{key} {notes[key]}" for key in sorted(notes) if key.startswith("chain.")]
-    sensors = scale_record(bench)
+    sensors = declared_by(bench, devices.card.sample_rate)
+    calibration += [f"{key} {sensors[key]}" for key in sorted(sensors) if key.startswith(CHAIN)]
     for c in bench.daq_card.channels:
         if c.calibrated:
             until = f", valid until {c.valid_until}" if c.valid_until else ""

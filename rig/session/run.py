@@ -284,7 +284,7 @@ class _Run:
             "predicted": predicted,
         }
         names = {origin: tuple(channel.name for channel in each) for origin, each in origins.items()}
-        by_gauge = gauged(declared_by(self._request.bench), twin.model.channels.drive)
+        by_gauge = gauged(self._chains, twin.model.channels.drive)
         derivation = DerivationProcess(
             names, self._scenario, rig.clock, rig.stream, crew=crew, gauged=by_gauge
         )
@@ -333,9 +333,14 @@ class _Run:
         rig.screen.stage(f"recorded: {log}")
         return log
 
+    @property
+    def _chains(self) -> dict[str, str]:
+        """What the bench declares of them, as the card samples."""
+        return declared_by(self._request.bench, self._rig.sample_rate)
+
     def _matched(self) -> AnyTwin:
         """The scenario's twin behind the bench's chains, as calibration found it where it did."""
-        twin = twin_of(self._scenario, self._rig.names, declared_by(self._request.bench))
+        twin = twin_of(self._scenario, self._rig.names, self._chains)
         if (model := self._request.model) is None:
             return twin
         from rig.twin.logged import with_model

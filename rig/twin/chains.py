@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from daq.log.metadata import as_table, number_in, read_json
 from daq.log.records import RANGE, SENSITIVITY
-from daq.quantity import Bound, Quantity, Whole, Words, settings_of
+from daq.quantity import Bound, Quantity, Whole, Words, seconds, settings_of
 from drivers.canopen_cia406.settings import EncoderIdentity, EncoderSettings
 from drivers.ni_daq.channels import (
     INPUT_NOISE_V,
@@ -31,20 +31,23 @@ from sim_twin.sensors import Encoder, SensorChain
 from sim_twin.stages import Stages
 from sim_twin.twin import AnyTwin
 
-_CHAIN: Final = "chain."
+CHAIN: Final = "chain."
 _STINGER: Final = "stinger"
 _FINE: Final = 2**24
 """Counts of an encoder that nobody knows the counts of."""
 
 
-def chain_record(bench: Bench) -> dict[str, str]:
-    """What the log's `run` record keeps of chains of which the bench says more than a scale; JSON in SI."""
-    kept = {channel.name: _stated(channel) for channel in bench.daq_card.channels}
+def chain_record(bench: Bench, sample_rate: float) -> dict[str, str]:
+    """What the log's `run` record keeps of chains of which the bench says more than a scale; JSON in SI.
+
+    `sample_rate` is the card's, which makes a time in s of one that the bench has in samples.
+    """
+    kept = {channel.name: _stated(channel, sample_rate) for channel in bench.daq_card.channels}
     if (encoder := bench.encoder) is not None and encoder.mounting is not None:
         counts = encoder.identity.counts_per_revolution
         own = {"counts": counts} if counts else {}
         kept[ENCODER_ANGLE.name] = own | {"mounting_rad": encoder.mounting, "backwards": encoder.backwards}
-    return {f"{_CHAIN}{name}": json.dumps(stated, sort_keys=True) for name, stated in kept.items() if stated}
+    return {f"{CHAIN}{name}": json.dumps(stated, sort_keys=True) for name, stated in kept.items() if stated}
 
 
 def scale_record(bench: Bench) -> dict[str, str]:
@@ -54,14 +57,15 @@ def scale_record(bench: Bench) -> dict[str, str]:
     return volts | {RANGE + channel.name: repr(channel.range) for channel in channels}
 
 
-def declared_by(bench: Bench) -> dict[str, str]:
+def declared_by(bench: Bench, sample_rate: float) -> dict[str, str]:
     """All that a log of this bench says of its chains."""
-    return chain_record(bench) | scale_record(bench)
+    return chain_record(bench, sample_rate) | scale_record(bench)
 
 
-def _stated(channel: CardChannel) -> dict[str, object]:
+def _stated(channel: CardChannel, sample_rate: float) -> dict[str, object]:
     amplifier, low_pass, pulses, mark = channel.amplifier, channel.anti_alias, channel.pulses, channel.mark
-    own = (channel.corner_hz, channel.resonance_hz, channel.delay_s, channel.in_stinger)
+    delay_s = seconds(channel.delay, sample_rate)
+    own = (channel.corner_hz, channel.resonance_hz, delay_s, channel.in_stinger)
     if not (amplifier or low_pass or channel.counted or mark or any(own)):
         return {}
     chain: dict[str, object] = {
@@ -91,7 +95,7 @@ def _stated(channel: CardChannel) -> dict[str, object]:
         "senses": _STINGER if channel.in_stinger else "",
         "corner_hz": channel.corner_hz,
         "resonance_hz": channel.resonance_hz,
-        "delay_s": channel.delay_s,
+        "delay_s": delay_s,
     }
     return {key: value for key, value in chain.items() if value}
 
@@ -171,7 +175,7 @@ _DECLARED: Final[Mapping[str, tuple[type[Any], str]]] = {
     "filter.order": (AntiAliasFilter, "order"),
     "corner_hz": (CardChannel, "corner_hz"),
     "resonance_hz": (CardChannel, "resonance_hz"),
-    "delay_s": (CardChannel, "delay_s"),
+    "delay_s": (CardChannel, "delay"),
     "counts": (EncoderIdentity, "counts_per_revolution"),
     "mounting_rad": (EncoderSettings, "mounting"),
 }
@@ -213,7 +217,7 @@ def _bound_of(key: str) -> Bound:
 def chain_of(record: Mapping[str, str], name: str) -> Chain:
     """What a `run` record says of the chain of a channel; raises LogError where that cannot be read."""
     what = f"what the log says of the chain of {name}"
-    return Chain(what, as_table(read_json(record.get(f"{_CHAIN}{name}", "{}"), what), what))
+    return Chain(what, as_table(read_json(record.get(f"{CHAIN}{name}", "{}"), what), what))
 
 
 def scale_of(record: Mapping[str, str], what: str, name: str) -> float | None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from daq.block import Flag
+from daq.quantity import Samples
 from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, CardSettings, Mark
 from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, LowPassStage, MarkStage, Wire
@@ -237,8 +238,9 @@ def test_a_mark_is_shown_as_one_of_5_volts_that_rises(falling: bool) -> None:
     assert {reading.flags for reading in readings} == {(Flag.GOOD,)}
 
 
-def test_an_input_that_is_late_shows_it_later() -> None:
-    values = values_of(read(sine(1000.0, 100.0), Wire("force", TRUE, delay_s=30.4 / RATE), FORCE))[2560:]
+@pytest.mark.parametrize("delay", [30.4 / RATE, Samples(30.4)])
+def test_an_input_that_is_late_shows_it_later(delay: float | Samples) -> None:
+    values = values_of(read(sine(1000.0, 100.0), Wire("force", TRUE, delay=delay), FORCE))[2560:]
     at = np.arange(2560, 25600) - 30.4
     assert values == pytest.approx(100.0 * np.sin(math.tau * 1000.0 * at / RATE), abs=0.02)
 

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.quantity import seconds
 from drivers.ni_daq.emulator.wiring import FASTEST_HZ, CardWiring, CounterWire, Input, Wire
 
 HALF_CODES = 2.0**23  # 24 bits, both signs
@@ -93,8 +94,8 @@ def stages_of(wire: Wire, rate_hz: float) -> list[Stage]:
         stages.append(lambda volts: np.clip(volts, -highest_v, highest_v))
     if low_pass is not None and low_pass.corner_hz < rate_hz / 2.0:
         stages.append(_LowPass(low_pass.order, low_pass.corner_hz, rate_hz))
-    if wire.delay_s:
-        stages.append(_Delay(wire.delay_s * rate_hz))
+    if delay_s := seconds(wire.delay, rate_hz):
+        stages.append(_Delay(delay_s * rate_hz))
     return stages
 
 

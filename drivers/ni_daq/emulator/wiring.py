@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from nidaqmx.error_codes import DAQmxErrors
 
 from daq.errors import ConfigurationError, Problem
+from daq.quantity import Samples
 from drivers.ni_daq.channels import INPUT_NOISE_V
 from drivers.rehearsal import Rehearsed
 
@@ -76,7 +77,7 @@ class Wire:
     `volts_per_unit` is the true sensitivity in V per SI unit, amplifier included, whatever a bench file says;
     `range_v` is where the input clips, in V; `connected` is false for a cable that hangs loose, `shorted`
     true for one whose conductors touch. Without a `plant_channel` the sensor is in order and shows nothing.
-    `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` its own, `delay_s` that of the input.
+    `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` its own, `delay` (s) that of the input.
     """
 
     plant_channel: str
@@ -88,7 +89,7 @@ class Wire:
     low_pass: LowPassStage | None = None
     corner_hz: float | None = None
     resonance_hz: float | None = None
-    delay_s: float = 0.0
+    delay: float | Samples = 0.0
     mark: MarkStage | None = None
     teds: Teds | None = None
 

@@ -13,11 +13,11 @@ import pytest
 
 from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, Pulses, problems
 from drivers.ni_daq.emulator.wiring import ChargeStage, CounterWire, LowPassStage, Wire
-from rig.app import chain_record
 from rig.emulation import wiring_of
 from rig.files.bench import Bench, embedded_bench, parse_bench
 from rig.files.pairing import check_pair
 from rig.files.scenario import load_scenario
+from rig.twin.chains import chain_record
 from tests.rig.files.faulty import only_problem, problems_of
 
 HEAD = """
@@ -182,7 +182,7 @@ def test_a_file_without_stages_is_what_it_was() -> None:
     wiring = wiring_of(embedded_bench())
     assert wiring.wires["cDAQ1Mod1/ai1"] == Wire("contact.force_upper", upper.volts_per_unit)
     assert wiring.counters == {}
-    assert chain_record(embedded_bench()) == {}
+    assert chain_record(embedded_bench(), 25_600.0) == {}
 
 
 def test_the_emulated_card_realises_the_chain() -> None:
@@ -198,7 +198,7 @@ def test_the_emulated_card_realises_the_chain() -> None:
 
 
 def test_the_log_keeps_the_chain() -> None:
-    record = chain_record(parse(ENCODER, MARKER, CHARGE + AMPLIFIER + FILTER))
+    record = chain_record(parse(ENCODER, MARKER, CHARGE + AMPLIFIER + FILTER), 25_600.0)
     assert set(record) == {"chain.crank.angle", "chain.contact.force_upper"}
     assert json.loads(record["chain.contact.force_upper"]) == {
         "physical": "cDAQ1Mod1/ai1",

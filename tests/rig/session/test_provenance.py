@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
-from rig.files.bench import embedded_bench
+import pytest
+
+from rig.files.bench import embedded_bench, parse_bench
 from rig.files.software import commit_of, software
+from rig.rigs import RIGS
 from rig.session.logbook import run_record
 from tests.rig.session.shafts import SteppedClock
 
-CHAIN = "chain.crank.angle"
+CHAIN = "chain.crank.marker"
+MARKED = 'name = "crank.marker"\n'
 
 
-def record(notes: dict[str, str], encoder: str | None = None) -> dict[str, str]:
+def record(notes: dict[str, str], encoder: str | None = None, more: str = "") -> dict[str, str]:
     devices = SimpleNamespace(
         actuator=SimpleNamespace(identity="an inverter"),
-        card=SimpleNamespace(address="127.0.0.1:1"),
+        card=SimpleNamespace(address="127.0.0.1:1", sample_rate=25_600.0),
         encoder=None if encoder is None else SimpleNamespace(identity=encoder),
         loggers={},
     )
-    bench = embedded_bench("planar_slider_crank")
+    text = RIGS["planar_slider_crank"].bench.replace(MARKED, MARKED + more)
+    bench = parse_bench(text, "test", Path(), "planar_slider_crank")
     return run_record(bench, devices, notes, "run", SteppedClock())  # type: ignore[arg-type]
 
 
@@ -30,13 +36,13 @@ def test_chains_of_the_bench_count_for_the_digest_of_the_calibrations_and_other_
     key = "calibration_sha256"
     plain = record({})[key]
     assert record({"emulated": "card"})[key] == plain
-    assert record({CHAIN: '{"serial": "1"}'})[key] != plain
-    assert record({CHAIN: '{"serial": "1"}'})[key] != record({CHAIN: '{"serial": "2"}'})[key]
+    late, later = (record({}, more=f'delay = "{count} samples"\n') for count in (39, 40))
+    assert len({plain, late[key], later[key]}) == 3
+    assert json.loads(late[CHAIN])["delay_s"] == pytest.approx(39 / 25_600.0)
 
 
 def test_notes_and_the_encoders_identity_stand_in_the_record() -> None:
-    found = record({CHAIN: "{}", "emulated": "card"}, encoder="rotary encoder, serial number 1")
-    assert found[CHAIN] == "{}"
+    found = record({"emulated": "card"}, encoder="rotary encoder, serial number 1")
     assert found["emulated"] == "card"
     assert found["encoder"] == "rotary encoder, serial number 1"
     assert "encoder" not in record({})

@@ -21,6 +21,7 @@ from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.sensors import Encoder, SensorChain
 from sim_twin.stages import Stages
 
+RATE = 25_600.0
 ACQUISITION = '[acquisition]\nsample_rate = "25.6 kHz"\nduration = "2 s"\n'
 BEAM = parse_scenario(
     'name = "beam"\nrig = "impact_beam"\n[model]\nshaker_mass = "80 g"\nshaker_stiffness = "3 kN/m"\n'
@@ -52,7 +53,7 @@ def bench_of(rig: str, channel: str, more: str, old: str = "", new: str = "") ->
 
 def test_what_is_declared_is_what_the_twin_has() -> None:
     bench = bench_of("impact_beam", "contact.force_upper", UPPER)
-    twin = twin_of(BEAM, (), declared_by(bench))
+    twin = twin_of(BEAM, (), declared_by(bench, RATE))
     volts = 4e-12 * 6e9
     upper = twin.sensors["contact.force_upper"]
     assert upper == SensorChain(
@@ -67,16 +68,29 @@ def test_what_is_declared_is_what_the_twin_has() -> None:
     assert settling_s(slow, 0.0) == pytest.approx(5 / (2 * pi * 0.2))
 
 
+@pytest.mark.parametrize("rate", [25_600.0, 51_200.0])
+def test_a_delay_in_samples_is_as_long_as_the_card_takes_for_them(rate: float) -> None:
+    bench = bench_of("impact_beam", "contact.force_upper", 'delay = "39 samples"\n')
+    stages = twin_of(BEAM, (), declared_by(bench, rate)).sensors["contact.force_upper"].stages
+    assert stages == Stages(late=pytest.approx(39 / rate))
+
+
+@pytest.mark.parametrize("delay", ["101 samples", "-1 sample", "39 sampels", "39", "0.3 s", "3 mm"])
+def test_what_no_delay_can_be_is_refused(delay: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"0 ms to 200 ms, or 0 samples to 100 samples"):
+        bench_of("impact_beam", "contact.force_upper", f'delay = "{delay}"\n')
+
+
 def test_encoder_and_marker_of_a_crank() -> None:
     own = 'direction = "backwards"\ninitial_angle = "10 deg"\n'
     bench = bench_of("planar_slider_crank", "crank.angle", own, "1024", "360")
-    angle = twin_of(CRANK, (), declared_by(bench)).sensors["crank.angle"]
+    angle = twin_of(CRANK, (), declared_by(bench, RATE)).sensors["crank.angle"]
     assert angle == Encoder(1440, backwards=True, zero=pytest.approx(radians(10)))
     mark = bench_of("planar_slider_crank", "crank.marker", 'angle = "37 deg"\npolarity = "falling"\n')
-    twin = twin_of(CRANK, (), declared_by(mark))
+    twin = twin_of(CRANK, (), declared_by(mark, RATE))
     assert twin.rig.marker_angle == pytest.approx(radians(37))
     assert twin.sensors["crank.marker"].limit == inf  # turned round, it has no such end
-    assert mounted(twin_of(CRANK), declared_by(mark)).rig == twin.rig
+    assert mounted(twin_of(CRANK), declared_by(mark, RATE)).rig == twin.rig
 
 
 def test_a_record_that_cannot_be_read_is_told() -> None:
@@ -102,7 +116,7 @@ def test_a_record_that_cannot_be_read_is_told() -> None:
             r"resonance_hz = nan \(at least 100, at most 1e\+06\)",
         ),
         ("contact.force_upper", f'{{"delay_s": {"9" * 400}}}', "delay_s = 999"),
-        ("contact.force_upper", '{"delay_s": 1e300}', r"delay_s = 1e\+300 \(at least 0, at most 0.02\)"),
+        ("contact.force_upper", '{"delay_s": 1e300}', r"delay_s = 1e\+300 \(at least 0, at most 0.2\)"),
         ("crank.angle", '{"pulses": [1]}', r"cannot be read: \[1\]"),
         ("crank.angle", '{"pulses": {"per_revolution": Infinity, "decoding": 4}}', "per_revolution = inf"),
         ("crank.angle", '{"pulses": {"per_revolution": 1024, "decoding": 5}}', "decoding = 5"),
@@ -128,11 +142,16 @@ def test_only_a_drive_is_felt_in_a_stinger() -> None:
 
 @pytest.mark.parametrize(
     "more",
-    ['[daq_card.channels.filter]\ncorner = "1 kHz"\n', 'delay = "2 ms"\n', 'senses = "stinger"\n'],
+    [
+        '[daq_card.channels.filter]\ncorner = "1 kHz"\n',
+        'delay = "2 ms"\n',
+        'delay = "51.2 samples"\n',
+        'senses = "stinger"\n',
+    ],
 )
 def test_the_phase_is_the_coils_whatever_shows_the_drive(more: str) -> None:
     bench = bench_of("impact_beam", "drive.force", more)
-    twin = twin_of(BEAM, (), declared_by(bench))
+    twin = twin_of(BEAM, (), declared_by(bench, RATE))
     stream = twin.model.stream(twin, 25_600.0, np.random.default_rng(1))
     stream.drive(twin.drive, 0.7)
     shown = stream.advance(76_800)[0, 25_600:]
@@ -146,7 +165,7 @@ def test_the_phase_is_the_coils_whatever_shows_the_drive(more: str) -> None:
 
 def test_a_marker_anywhere_tells_the_cranks_angle() -> None:
     bench = bench_of("planar_slider_crank", "crank.marker", 'angle = "200 deg"\ndelay = "1.5 ms"\n')
-    twin = twin_of(CRANK, (), declared_by(bench))
+    twin = twin_of(CRANK, (), declared_by(bench, RATE))
     stream = twin.model.stream(twin, 25_600.0)
     stream.drive(twin.drive, 1.0)
     marker = stream.advance(51_200)[twin.channels.index("crank.marker")]
@@ -178,7 +197,7 @@ def test_an_encoder_beside_the_card_is_predicted_by_its_mounting(way: int) -> No
     said = "" if way > 0 else 'direction = "backwards"\n'
     counts = "[encoder.identity]\ncounts_per_revolution = 3600\n"
     text = RIGS["planar_slider_crank"].bench + ENCODER + said + counts
-    twin = twin_of(CRANK, (), declared_by(parse_bench(text, "test", Path(), "planar_slider_crank")))
+    twin = twin_of(CRANK, (), declared_by(parse_bench(text, "test", Path(), "planar_slider_crank"), RATE))
     assert [each.name for each in predicted_channels(twin)][-1] == "encoder.angle"
     aligned = AlignedTwin(twin, Alignment(200 / 60, 0.4), 25_600.0, 0.0)
     blocks = list(aligned.blocks(2560, 0))
@@ -190,5 +209,5 @@ def test_an_encoder_beside_the_card_is_predicted_by_its_mounting(way: int) -> No
 
 def test_without_its_mounting_nobody_predicts_it() -> None:
     text = RIGS["planar_slider_crank"].bench + ENCODER.replace('mounting = "123 deg"\n', "")
-    twin = twin_of(CRANK, (), declared_by(parse_bench(text, "test", Path(), "planar_slider_crank")))
-    assert twin == twin_of(CRANK, (), declared_by(embedded_bench("planar_slider_crank")))
+    twin = twin_of(CRANK, (), declared_by(parse_bench(text, "test", Path(), "planar_slider_crank"), RATE))
+    assert twin == twin_of(CRANK, (), declared_by(embedded_bench("planar_slider_crank"), RATE))
