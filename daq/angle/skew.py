@@ -79,8 +79,8 @@ class Skew:
     """An encoder against the marker: it shows the angle of `skew_s` ago, turned by `angle_rad`.
 
     `skew_s` is the encoder's own, with the travel time of its fastest frame, which no arrival can tell from a
-    lag, and less what a delta-sigma input delays the marker; `recordings` has that of each, with how it
-    placed the encoder's clock.
+    lag, and less what delays the marker and was not taken out of its times; `recordings` has that of each,
+    with how it placed the encoder's clock.
     Uncertainties are half widths of 95 % intervals. At one speed skew and angle are None, and only
     `at_mark_rad`, what the encoder shows at the mark at `speed_rad_s`, is known: angle less speed times skew.
     """

@@ -78,26 +78,29 @@ def skew(runs: RunFiles, as_json: Json = False) -> None:
     from rig.session.encoder_check import logged_at_marks, refuse_several_rigs
 
     refuse_several_rigs(runs)
-    at_marks, paces = zip(*(logged_at_marks(run) for run in runs), strict=True)
+    at_marks, paces, marks_late = zip(*(logged_at_marks(run) for run in runs), strict=True)
     found = find_skew(at_marks)
     if found is None:
         raise LogError("no mark of the crank lies within the encoder's readings")
     if as_json:
         told = dataclasses.asdict(found)
-        for run, each, pace, own in zip(runs, told["recordings"], paces, found.recordings, strict=True):
+        recordings = zip(runs, told["recordings"], paces, marks_late, found.recordings, strict=True)
+        for run, each, pace, late_s, own in recordings:
             taken = pace.without(own)
-            each |= {"log": str(run), "first_s": None, "period_s": None}
+            each |= {"log": str(run), "mark_late_s": late_s, "first_s": None, "period_s": None}
             each |= {} if taken is None else dataclasses.asdict(taken)
         print_json(told)
         return
     lines = []
-    for run, each in zip(runs, found.recordings, strict=True):
+    for run, each, mark_late_s in zip(runs, found.recordings, marks_late, strict=True):
         rpm = ", ".join(f"{speed * 60 / tau:.2f}" for speed in each.speeds_rad_s)
         line = f"{run}: {each.revolutions} marks at {rpm} rpm"
         if not rpm:
             line = f"{run}: no speed that stays for three marks"
         if each.skew_s is not None and each.skew_uncertainty_s is not None:
             line += f"; late by {late(each.skew_s, each.skew_uncertainty_s)} as this log places it"
+        if mark_late_s:
+            line += f"; its marks {mark_late_s * 1e6:.1f} us earlier than the card shows them, by its bench"
         lines.append(line)
     if found.angle_rad is None or found.angle_uncertainty_rad is None:
         lines.append(str(found))

@@ -17,7 +17,7 @@ from daq.log.reader import LogReader
 from rig.rigs import shows_marks
 from rig.session.encoder_record import ENCODER_CHANNEL, ENCODER_DEVICE
 from rig.session.shaft_speed import shaft_reading
-from rig.twin.chains import chain_of
+from rig.twin.chains import chain_of, stages_of
 
 Array = NDArray[np.float64]
 
@@ -60,10 +60,11 @@ def refuse_several_rigs(paths: Sequence[Path]) -> None:
         )
 
 
-def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
+def logged_at_marks(path: Path) -> tuple[AtMark, Pace, float]:
     """What the encoder of a recorded run shows at the marks, and when it took its positions.
 
-    Raises LogError where the run lacks the encoder, or what shows the crank.
+    The last is by how much (s) the card showed the marks later than they were, as the log says of the chain;
+    it is taken out of their times. Raises LogError where the run lacks the encoder, or what shows the crank.
     """
     with LogReader(path) as log:
         channels = log.channels("measured")
@@ -94,11 +95,12 @@ def logged_at_marks(path: Path) -> tuple[AtMark, Pace]:
             reading.take(block.first_sample - card[0].first_sample, block.values.astype(np.float64))
             marks.extend(reading.marks)
             reading.marks.clear()
-        encoder_s, mark_s = pace.first_s + index * pace.period_s, np.array(marks) / rate
+        late_s = stages_of(log.metadata.get("run", {}), name).delay
+        encoder_s, mark_s = pace.first_s + index * pace.period_s, np.array(marks) / rate - late_s
         # standard uncertainty of where the run places the encoder's clock, if it says anything of it
         said = [record.uncertainty_s for record in log.clocks() if record.device == ENCODER_DEVICE]
         placed_s = said[-1] / _COVERED_SIGMAS if said else 0.0
-        return at_marks(encoder_s, encoder_rad, mark_s, encoder.scale, rate, placed_s), pace
+        return at_marks(encoder_s, encoder_rad, mark_s, encoder.scale, rate, placed_s), pace, late_s
 
 
 def _zero_is_anywhere(log: LogReader, name: str) -> bool:

@@ -144,24 +144,28 @@ def _shown(sensor: Any, name: str, record: Mapping[str, str]) -> Any:
         counts = tracks * round(chain.number("pulses.decoding") or 0)
         return Encoder(counts, bool(pulses.get("backwards")), zero or 0.0) if counts else None
     scale, largest = scale_of(record, SENSITIVITY, name), scale_of(record, RANGE, name)
-    limit, output = inf, inf
+    limit, stages = inf, stages_of(record, name)
     if scale and largest and largest < inf and not chain.part("mark"):
         limit = input_range_v(scale * largest) / scale
-    if scale and (output_v := chain.number("amplifier.output_v")):
-        output = output_v / scale
+    if stages == Stages() and limit == inf:
+        return None
+    return replace(sensor, stages=None if stages == Stages() else stages, limit=limit)
+
+
+def stages_of(record: Mapping[str, str], name: str) -> Stages:
+    """What a `run` record says of the stages of an analog channel; raises LogError like `chain_of`."""
+    chain, scale = chain_of(record, name), scale_of(record, SENSITIVITY, name)
     corners = chain.number("amplifier.corner_hz"), chain.number("corner_hz")
     corner, order = chain.number("filter.corner_hz"), chain.number("filter.order")
-    stages = Stages(
+    output_v = chain.number("amplifier.output_v")
+    return Stages(
         resonance=chain.number("resonance_hz"),
         high_passes=tuple(each for each in corners if each),
-        output=output,
+        output=output_v / scale if scale and output_v else inf,
         low_pass=(corner, round(order)) if corner and order else None,
         late=chain.number("delay_s") or 0.0,
         floor=INPUT_NOISE_V / scale if scale and corner else 0.0,
     )
-    if stages == Stages() and limit == inf:
-        return None
-    return replace(sensor, stages=None if stages == Stages() else stages, limit=limit)
 
 
 _DECLARED: Final[Mapping[str, tuple[type[Any], str]]] = {

@@ -31,15 +31,16 @@ def write(
     chain: dict[str, object] | None = None,
     beside: float | None = None,
     seed: int | None = None,
+    late_s: float = 0.0,
 ) -> Path:
     """A run at a speed: the card's channel, and an encoder that shows the angle of `skew_s` ago.
 
     `chain` is what the run says of the channel; `beside` is by how much the card's angle, recorded beside the
-    marker, is off; `seed` is that of an emulated rig.
+    marker, is off; `seed` is that of an emulated rig; the card's channel comes `late_s` too late.
     """
     seconds = 6.0
     omega = rpm * math.tau / 60.0
-    card_rad = 0.3 + omega * np.arange(round(seconds * RATE)) / RATE
+    card_rad = 0.3 + omega * (np.arange(round(seconds * RATE)) / RATE - late_s)
     noise = np.random.default_rng(round(rpm)).normal(scale=0.02, size=len(card_rad))
     values = {"crank.marker": 5.0 * (np.mod(card_rad, math.tau) < 0.09) + noise, "crank.angle": card_rad}
     shown = 0.3 + omega * (np.arange(0.0, seconds, PERIOD_S) - skew_s) + MOUNTED_RAD
@@ -89,6 +90,25 @@ def test_two_speeds_tell_a_skew_to_50_us_and_the_mounting(
     said = call("skew", *runs).out
     assert f"encoder late by {found['skew_s'] * 1e6:.1f}" in said
     assert "10 marks at 103.0" in said
+
+
+LATE_S = 1e-3
+DELAYED: tuple[dict[str, object], ...] = (
+    {"delay_s": LATE_S},
+    {"delay_s": LATE_S - 1 / (math.tau * 400.0), "filter": {"corner_hz": 400.0, "order": 1}},
+)
+
+
+@pytest.mark.parametrize("chain", DELAYED, ids=["input", "filter"])
+def test_what_the_bench_says_that_a_marker_is_late_is_no_part_of_the_encoders_lag(
+    call: Call, tmp_path: Path, chain: dict[str, object]
+) -> None:
+    runs = [write(tmp_path / f"{rpm}.mcap", rpm, 2e-3, chain=chain, late_s=LATE_S) for rpm in (103.0, 251.0)]
+    found = json.loads(call("skew", *runs, "--json").out)
+    assert found["skew_s"] == pytest.approx(2e-3, abs=50e-6)
+    assert found["angle_rad"] == pytest.approx(MOUNTED_RAD, abs=1e-3)
+    assert [each["mark_late_s"] for each in found["recordings"]] == [pytest.approx(LATE_S)] * 2
+    assert "its marks 1000.0 us earlier than the card shows them" in call("skew", *runs).out
 
 
 def test_one_speed_cannot_tell_and_says_so(call: Call, tmp_path: Path) -> None:
