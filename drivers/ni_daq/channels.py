@@ -21,7 +21,7 @@ from drivers.ni_daq.sensing import (
     range_of,
     sensitivity_of,
 )
-from drivers.ni_daq.sensors import SENSORS, Sensor, sensor_of
+from drivers.ni_daq.sensors import SENSORS, Sensor, sensor_of, units_of
 from drivers.protocols.emergency_stop import StopLine
 from drivers.protocols.instrument import misplaced
 
@@ -313,8 +313,8 @@ def _channel_problems(channel: CardChannel) -> Iterator[Problem]:
         kinds = ", ".join(name for name, kind in SENSORS.items() if kind.on(channel.input) is not None)
         yield Problem(f"{key}.kind", channel.kind, f"on {_INPUT_WORDS[channel.input]} one of {kinds}")
     else:
-        if channel.unit not in sensor.units:
-            yield Problem(f"{key}.unit", channel.unit, f"one of {', '.join(sensor.units)}")
+        if channel.unit not in (units := units_of(sensor, channel.unit, channel.modelled)):
+            yield Problem(f"{key}.unit", channel.unit, f"one of {', '.join(units)}")
         for field, value, sound, allowed in _value_rules(channel, sensor):
             if not sound:
                 yield Problem(f"{key}.{field}", repr(value), allowed)

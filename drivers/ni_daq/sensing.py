@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from daq.quantity import Check, Quantity, rule
-from drivers.ni_daq.sensors import SENSORS, Sensor
+from drivers.ni_daq.sensors import SENSORS, Sensor, units_of
 
 # what an input can resolve and take: below a millivolt lies its noise, above 10 V its range
 LOWEST_FULL_SCALE_V: Final = 1e-3
@@ -49,6 +49,11 @@ def _sensor(channel: Mapping[str, Any]) -> Sensor | None:
     return SENSORS[channel["kind"]].on(sort_of_input(channel["physical"]))
 
 
+def _units(channel: Mapping[str, Any]) -> Mapping[str, Quantity | None]:
+    sensor = _sensor(channel)
+    return {} if sensor is None else units_of(sensor, channel["unit"], channel.get("modelled", True))
+
+
 def _fits_input(channel: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if _sensor(channel) is None:
         sort = sort_of_input(channel["physical"])
@@ -77,7 +82,7 @@ SENSING_CHECKS: Final = (
     Check(("kind", "physical"), _fits_input),
     rule(
         ("unit", "kind", "physical"),
-        lambda channel: (sensor := _sensor(channel)) is None or channel["unit"] in sensor.units,
+        lambda channel: _sensor(channel) is None or channel["unit"] in _units(channel),
         "kind",
         "a kind that measures {unit}",
     ),
@@ -95,7 +100,7 @@ def sensitivity_of(channel: Mapping[str, Any]) -> Quantity | None:
     if sensor is None:
         return None
     unit = channel["unit"]
-    per = f"({unit})" if "/" in unit else unit
+    per = unit if unit.isalpha() else f"({unit})"
     if unit == "V":
         return Quantity("", 0, 1000, above=True)
     if "gain" in sensor.needs:
@@ -105,5 +110,4 @@ def sensitivity_of(channel: Mapping[str, Any]) -> Quantity | None:
 
 def range_of(channel: Mapping[str, Any]) -> Quantity | None:
     """What a channel's full scale may be; None where it has no end."""
-    sensor = _sensor(channel) if channel.keys() >= {"kind", "physical", "unit"} else None
-    return None if sensor is None else sensor.units.get(channel["unit"])
+    return _units(channel).get(channel["unit"]) if channel.keys() >= {"kind", "physical", "unit"} else None

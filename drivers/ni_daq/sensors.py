@@ -84,6 +84,7 @@ FORCE: Final = {"N": Quantity("N", 0, 1e6, above=True)}
 ACCELERATION: Final = {"m/s2": Quantity("m/s2", 0, 1e6, above=True)}
 VOLTAGE: Final = {"V": Quantity("V", 0, 1e3, above=True)}
 SPEED: Final = {"rad/s": Quantity("rad/s", 0, 1e5, above=True)}
+_ANY_UP_TO: Final = 1e9
 _VOLTS_EACH: Final = ("sensitivity", "range")
 _ANY_INPUT: Final = ("resonance", "delay", "inverted")
 
@@ -92,8 +93,9 @@ _ANY_INPUT: Final = ("resonance", "delay", "inverted")
 class AnalogSensor:
     """A kind of sensor on an analog input; `declare(task, channel)` adds its channel to a DAQmx task.
 
-    `units` are those that it can measure, each with what a full scale may be. A channel must have the keys
-    `needs` of a bench file and may have the keys `takes`. With `in_volts` DAQmx delivers volts, else the unit
+    `units` are those that it can measure, each with what a full scale may be; of a channel that no rig has,
+    `any_unit`, for the card sees volts. A channel must have the keys `needs` of a bench file and may have
+    the keys `takes`. With `in_volts` DAQmx delivers volts, else the unit
     itself. `noisy` inputs never show one code for long; `ac_coupled` ones have no mean. `sheet` reads the
     sensitivity (V per unit) that a TEDS states.
     """
@@ -106,6 +108,7 @@ class AnalogSensor:
     noisy: bool = True
     ac_coupled: bool = False
     sheet: Callable[[Any, CardChannel], float] | None = None
+    any_unit: bool = False
 
     def scale(self, channel: CardChannel) -> float | None:
         """Unit per volt, or per unit that DAQmx delivers; None where that is the unit as it is meant."""
@@ -152,6 +155,13 @@ class SensorKind:
     def on(self, sort: str) -> Sensor | None:
         """The sensor on an input of that sort, `ai` or `ctr`; None where it is never on one."""
         return {"ai": self.analog, "ctr": self.counter}.get(sort)
+
+
+def units_of(sensor: Sensor, unit: str, modelled: bool) -> Mapping[str, Quantity | None]:
+    """What a sensor can measure of a channel in `unit`, which is free where none of the rig's is meant."""
+    if modelled or unit in sensor.units or not (isinstance(sensor, AnalogSensor) and sensor.any_unit):
+        return sensor.units
+    return {**sensor.units, unit: Quantity(unit, 0, _ANY_UP_TO, above=True)}
 
 
 def declare_voltage(task: Any, channel: CardChannel) -> None:
@@ -284,7 +294,9 @@ def _rad_per_pulse(channel: CardChannel) -> float:
 
 _OWN: Final = {
     "voltage": SensorKind(
-        AnalogSensor(FORCE | ACCELERATION | VOLTAGE, declare_voltage, takes=("filter", *_ANY_INPUT))
+        AnalogSensor(
+            FORCE | ACCELERATION | VOLTAGE, declare_voltage, takes=("filter", *_ANY_INPUT), any_unit=True
+        )
     ),
     "charge_amplifier": SensorKind(
         AnalogSensor(
@@ -293,6 +305,7 @@ _OWN: Final = {
             needs=(*_VOLTS_EACH, "gain"),
             takes=("amplifier", "filter", *_ANY_INPUT),
             ac_coupled=True,
+            any_unit=True,
         )
     ),
     "force_iepe": SensorKind(

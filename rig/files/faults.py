@@ -46,18 +46,20 @@ class Faults:
     def missing(self, key: str, allowed: str) -> None:
         self._problems.append(Problem(key, "(missing)", allowed))
 
-    def unknown(self, key: str, value: object, name: str, known: Iterable[str], kind: str = "key") -> None:
-        """Note that nobody knows `name`, and which known one it may be meant for."""
+    def unknown(
+        self, key: str, value: object, name: str, known: Iterable[str], kind: str = "key", more: str = ""
+    ) -> None:
+        """Note that nobody knows `name`, which known one it may be meant for, and what `more` may be."""
         names = list(known)
-        near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+        near = meant(name, names)
         listed = ", ".join(names) if len(names) <= _MOST_LISTED else f"{len(names)}, see rattle scenario RIG"
         table = key.removesuffix(f".{dotted('', name)}")
         hint = (
-            f"did you mean {near[0] if table == key else dotted(table, near[0])}?"
+            f"did you mean {near if table == key else dotted(table, near)}?"
             if near
             else f"known here: {listed}"
         )
-        self.add(key, value, f"unknown {kind}; {hint}")
+        self.add(key, value, f"unknown {kind}; {hint}{more}")
 
     def error(self) -> ConfigurationError:
         return ConfigurationError(self.source, self._problems)
@@ -65,6 +67,11 @@ class Faults:
     def raise_if_any(self) -> None:
         if self._problems:
             raise self.error()
+
+
+def meant(name: str, names: Iterable[str]) -> str:
+    """Which of `names` a mistyped one may be; empty where it is like none of them."""
+    return next(iter(difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)), "")
 
 
 class Gathered:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, Final
 
 from daq.quantity import settings_of
@@ -21,6 +22,7 @@ from drivers.ni_daq.sensing import (
 from drivers.ni_daq.sensors import SENSORS, AnalogSensor, known_sensor
 from drivers.protocols.instrument import misplaced
 from rig.files.faults import Faults, dotted
+from rig.files.quantity import QuantityError, si_unit, si_value, written
 from rig.files.table import read_table, sound_values, unknown_keys
 from rig.rigs import channel_names, declared, unit_of
 from sim_twin.rigs.channel_table import Role
@@ -114,8 +116,20 @@ def _not_modelled(name: str, table: object) -> dict[str, Any]:
     if not isinstance(sensor, AnalogSensor):
         return {}
     location, _, quantity = name.rpartition(".")
-    unit = _VOLT if _VOLT in sensor.units else next(iter(sensor.units))
-    return {"unit": unit, "quantity": quantity, "location": location}
+    full_scale = table.get("range") if isinstance(table, dict) else None
+    return {"unit": _unit_of(sensor, full_scale), "quantity": quantity, "location": location}
+
+
+def _unit_of(sensor: AnalogSensor, full_scale: object) -> str:
+    """Of a channel that only its `range` tells the unit of: one of its kind's, or any where that is any."""
+    for unit in sensor.units:
+        with suppress(QuantityError, OverflowError):
+            si_value(str(full_scale), unit)
+            return unit
+    with suppress(QuantityError, OverflowError):
+        if sensor.any_unit:
+            return si_unit(written(full_scale)[1])
+    return _VOLT if _VOLT in sensor.units else next(iter(sensor.units))
 
 
 def _held(channel: CardChannel, key: str, faults: Faults) -> bool:

@@ -16,10 +16,10 @@ from daq.log.records import LEAST_FREE_BYTES
 from drivers.ni_daq.channels import FASTEST_EDGES_HZ, CardChannel
 from drivers.rehearsal import rehearsed
 from rig.files.bench import Bench
-from rig.files.faults import dotted
+from rig.files.faults import dotted, meant
 from rig.files.scenario import AcquisitionSection, Scenario
 from rig.instruments import actuator_of
-from rig.rigs import RIGS, shaft_channel, unit_of
+from rig.rigs import RIGS, declared, shaft_channel, unit_of
 
 SOFT_START_FROM_S = 0.8
 """A settling time shorter than this has no room for a ramp: the drive starts at once, from phase zero."""
@@ -263,17 +263,23 @@ def _filter(channel: CardChannel, key: str, sample_rate: float) -> Iterator[Prob
 
 
 def _limits(scenario: Scenario, bench: Bench) -> Iterator[Problem]:
-    ranges = {channel.name: channel.range for channel in bench.daq_card.channels}
+    channels = {channel.name: channel for channel in bench.daq_card.channels}
     for limit in scenario.limits:
-        key = dotted("limits", limit.channel)
+        key, channel = dotted("limits", limit.channel), channels.get(limit.channel)
         if bench.unseen:
             yield Problem(key, "(here)", _NOTHING_SEEN)
-        elif limit.channel not in ranges:
-            yield Problem(key, "(here)", f"a channel of the bench: {', '.join(ranges)}")
+        elif channel is None:
+            near = "" if declared(limit.channel) else meant(limit.channel, channels)
+            hint = f" (did you mean {near}?)" if near else ""
+            yield Problem(key, "(here)", f"a channel of the bench: {', '.join(channels)}{hint}")
         else:
             for name, level in (("warning", limit.warning), ("abort", limit.abort)):
-                if level is not None and level >= ranges[limit.channel]:
-                    allowed = f"below {ranges[limit.channel]:g} {limit.unit}, the channel's range"
+                allowed = ""
+                if limit.unit != channel.unit:
+                    allowed = f"in {channel.unit}, the channel's unit"
+                elif level is not None and level >= channel.range:
+                    allowed = f"below {channel.range:g} {channel.unit}, the channel's range"
+                if level is not None and allowed:
                     yield Problem(f"{key}.{name}", f"{level:g} {limit.unit}", allowed)
 
 

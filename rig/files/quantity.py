@@ -37,6 +37,13 @@ _USUAL: Final[dict[str, tuple[float, tuple[int, ...]]]] = {
     "rpm": (0.10471975511965977, (0, 0, -1, 0, 1)),
 }
 """What Pint says of the usual units, factor and powers of the base: loading it is a third of a check."""
+_CELSIUS: Final = ("degC", "°C")
+"""Alone it is of a kind of its own, for its zero is not that of K; in a product it is a difference, in K."""
+_SI: Final = (
+    *("m", "kg", "s", "Hz", "N", "Pa", "V", "A", "K", "degC", "rad", "W", "C", "T", "N m", "J"),
+    *("m/s", "m/s2", "rad/s", "rad/s2", "m2", "m3", "m3/s"),
+)
+"""As logs name them, of each kind the usual one first."""
 
 
 class QuantityError(ValueError):
@@ -46,7 +53,7 @@ class QuantityError(ValueError):
 def written(value: object) -> tuple[float, str]:
     """Number and unit of a quantity as it stands in a file; raises QuantityError where it is none."""
     match = _QUANTITY.fullmatch(str(value).rstrip())
-    if match is None:
+    if match is None or len(str(value)) > _LONGEST:
         raise QuantityError("not a number with a unit")
     return float(match[1]), match[2]
 
@@ -57,8 +64,6 @@ def si_value(text: str, unit: str) -> float:
     Hertz and rpm are not converted into each other (one of them is an angular speed). `g` is standard gravity
     wherever an acceleration is asked for. Raises QuantityError.
     """
-    if len(text) > _LONGEST:
-        raise QuantityError("not a number with a unit")
     number, given = written(text)
     _, wanted_base = _in_si(unit, gravity=False)
     if not given and wanted_base != {}:
@@ -76,11 +81,28 @@ def si_factor(unit: str) -> float:
     return _in_si(unit, gravity=False)[0]
 
 
+def si_unit(unit: str) -> str:
+    """The SI unit of the kind that `unit` is of, as logs name it ("kPa" gives Pa); raises QuantityError.
+
+    `g` is standard gravity: what is weighed is in kg.
+    """
+    if unit in _SI:
+        return unit
+    _, base = _in_si(unit, gravity=unit == "g")
+    found = next((name for name in _SI if base and _in_si(name, gravity=False) == (1.0, base)), None)
+    if found is None:
+        raise QuantityError(f"{unit or 'none'} is not a unit that a channel can be in")
+    return found
+
+
 @functools.lru_cache(maxsize=256)
 def _in_si(unit: str, *, gravity: bool) -> tuple[float, dict[str, float]]:
     """Return factor and powers of the SI base units (radian counted as one) of a product such as "mV/N"."""
+    if unit.strip() in _CELSIUS:
+        return 1.0, {_CELSIUS[0]: 1.0}
     factor, powers = 1.0, dict[str, float]()
     for name, power in _terms(unit):
+        name = "kelvin" if name in _CELSIUS else name
         one, base = _named("g_0" if gravity and name == "g" else name)
         factor *= one**power
         for key, exponent in base.items():
@@ -128,7 +150,9 @@ def _by_pint(name: str) -> tuple[float, dict[str, float]]:
     import pint  # half a second, which commands that read no file need not pay
 
     try:
-        one = pint.Quantity(1.0, name).to_base_units()
+        one, two = (pint.Quantity(number, name).to_base_units() for number in (1.0, 2.0))
     except (pint.PintError, ValueError, AttributeError) as error:
         raise QuantityError(f"{name} is not a known unit") from error
+    if two.magnitude != 2.0 * one.magnitude:  # it has another zero, or counts powers of ten
+        raise QuantityError(f"{name} is no multiple of a unit")
     return float(one.magnitude), {str(key): cast(float, power) for key, power in one.unit_items()}

@@ -6,6 +6,7 @@ import copy
 import datetime
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -14,6 +15,7 @@ from daq.errors import UnphysicalParameter
 from daq.quantity import REQUIRED, Depending, Quantity, Setting, Text, settings_of
 from rig.files.faults import Faults, as_written, dotted, read_toml, toml_of
 from rig.files.file_kind import read_file
+from rig.files.quantity import QuantityError, si_unit, written
 from rig.files.table import (
     FieldError,
     field_of,
@@ -23,7 +25,7 @@ from rig.files.table import (
     sound_values,
     unknown_keys,
 )
-from rig.rigs import RIGS
+from rig.rigs import RIGS, declared
 from rig.rigs.kind import RigKind
 
 # Nyquist with the usual margin for the anti-alias filter of a vibration analyser
@@ -217,11 +219,24 @@ def _limits(table: object, kind: RigKind, faults: Faults) -> Iterator[Limit]:
         return
     for channel, entry in _by_channel(table):
         key = dotted("limits", channel)
-        unit = kind.channels.unit(channel)
+        own = declared(channel) is None
+        unit = _unit_of_its_own(entry) if own else kind.channels.unit(channel)
         if unit is None:
-            faults.unknown(key, entry, channel, kind.channels.told)
+            faults.unknown(key, entry, channel, kind.channels.told, more=_OF_ITS_OWN if own else "")
         else:
             yield from _limit(channel, unit, entry, key, faults)
+
+
+_OF_ITS_OWN: Final = '; of a channel that no rig has, a level with its unit, such as "94 Pa"'
+
+
+def _unit_of_its_own(entry: object) -> str | None:
+    """The unit of a level of a channel that only a bench knows; None where there is none."""
+    for name in ("abort", "warning"):
+        if isinstance(entry, dict) and name in entry:
+            with suppress(QuantityError, OverflowError):
+                return si_unit(written(entry[name])[1])
+    return None
 
 
 def _by_channel(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, object]]:

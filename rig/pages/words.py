@@ -13,7 +13,7 @@ _LARGE = 1e5
 _SHORT_TIMES = ((1e-3, 1e6, "µs"), (0.1, 1e3, "ms"))
 
 
-_AS_WRITTEN: Final = {"m/s2": (1.0, "m/s²"), "rad/s": (60 / math.tau, "rpm")}
+_AS_WRITTEN: Final = {"m/s2": (1.0, "m/s²"), "rad/s": (60 / math.tau, "rpm"), "degC": (1.0, "°C")}
 
 
 def as_written(unit: str) -> tuple[float, str]:

@@ -11,9 +11,8 @@ import pytest
 
 from daq.errors import ConfigurationError
 from drivers.mitsubishi_fr.settings import InverterSettings
-from rig.emulation import wiring_of
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
-from rig.files.pairing import check_bench, check_pair
+from rig.files.pairing import check_pair
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
 from tests.rig.files.faulty import only_problem, problems_of
@@ -220,43 +219,6 @@ def test_a_crank_of_the_other_kind_has_other_channels() -> None:
     bench = parse(RIGS["spatial_slider_crank"].bench)
     with pytest.raises(ConfigurationError, match=r"slider\.force_1.*a channel of the planar_slider_crank"):
         check_pair(scenario, bench, TODAY)
-
-
-MICROPHONE = """
-[[daq_card.channels]]
-name = "room.sound"
-physical = "cDAQ1Mod4/ai0"
-kind = "voltage"
-modelled = false
-sensitivity = 1.0
-range = "5 V"
-"""
-
-
-def test_a_channel_that_no_rig_has_is_of_its_sensor() -> None:
-    bench = parse(TEXT + MICROPHONE)
-    check_bench(bench, TODAY)
-    channel = bench.daq_card.channels[-1]
-    assert (channel.unit, channel.location, channel.quantity) == ("V", "room", "sound")
-    assert wiring_of(bench).wires["cDAQ1Mod4/ai0"].plant_channel == ""
-
-
-def test_a_name_that_no_rig_has_is_taken_for_a_mistake_unless_it_is_said_not_to_be_modelled() -> None:
-    key = 'daq_card.channels."crank_frme.acceleration_x"'
-    mistyped = MICROPHONE.replace("room.sound", "crank_frme.acceleration_x").replace("modelled = false\n", "")
-    problem = only_problem(lambda: parse(TEXT + mistyped), f"{key}.name")
-    assert "did you mean crank_frame.acceleration_x" in problem.allowed
-
-
-def test_a_name_that_has_a_meaning_is_no_name_for_what_is_not_modelled() -> None:
-    text = TEXT.replace(
-        'name = "crank_frame.acceleration_y"', 'name = "crank_frame.acceleration_y"\nmodelled = false'
-    )
-    text += MICROPHONE.replace("room.sound", "encoder.angle")
-    assert set(problems_of(lambda: parse(text))) == {
-        'daq_card.channels."crank_frame.acceleration_y".modelled',
-        'daq_card.channels."encoder.angle".name',
-    }
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.files.quantity import _USUAL, QuantityError, _by_pint, _named, si_value
+from rig.files.quantity import _USUAL, QuantityError, _by_pint, _named, si_unit, si_value
 
 # by definition: standard gravity 9.80665 m/s2, pound-force 4.4482216152605 N, inch 25.4 mm
 EXACT = [
@@ -34,6 +34,10 @@ EXACT = [
     ("1 min", "s", 60.0),
     ("1 %", "", 0.01),
     ("0.01", "", 0.01),
+    ("80 degC", "degC", 80.0),
+    ("-5.5 °C", "degC", -5.5),
+    ("10 mV/degC", "mV/K", 0.01),
+    ("10 mV/K", "mV/°C", 0.01),
     ("-1e-3 m", "mm", -1e-3),
 ]
 
@@ -57,6 +61,12 @@ def test_quantity_becomes_its_si_value(text: str, unit: str, value: float) -> No
         ("3 dB", "", "not a plain ratio"),
         ("10 furlongz", "m", "not a known unit"),
         ("nan m", "m", "not a number"),
+        ("20 degC", "K", "degC is not a unit of this kind"),
+        ("293 K", "degC", "K is not a unit of this kind"),
+        ("68 degF", "degC", "degF is no multiple of a unit"),
+        ("68 degF", "K", "degF is no multiple of a unit"),
+        ("1 mV/degF", "mV/K", "degF is no multiple of a unit"),
+        ("94 dB", "Pa", "dB is no multiple of a unit"),
         ("mm", "m", "not a number"),
         ("", "m", "not a number"),
         ("1 m//s", "m/s", "m//s is not a unit"),
@@ -71,6 +81,24 @@ def test_text_of_another_kind_is_refused_with_the_reason(text: str, unit: str, r
     with pytest.raises(QuantityError) as caught:
         si_value(text, unit)
     assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"),
+    [
+        *(("Pa", "Pa"), ("kPa", "Pa"), ("bar", "Pa"), ("°C", "degC"), ("degC", "degC"), ("K", "K")),
+        *(("g_0", "m/s2"), ("m/s²", "m/s2"), ("rpm", "rad/s"), ("deg", "rad"), ("N m", "N m"), ("J", "J")),
+        *(("kN m", "N m"), ("mm/s", "m/s"), ("l/min", "m3/s"), ("mA", "A"), ("mV", "V"), ("g", "m/s2")),
+    ],
+)
+def test_the_si_unit_of_a_kind_has_one_name(unit: str, si: str) -> None:
+    assert si_unit(unit) == si
+
+
+@pytest.mark.parametrize("unit", ["", "%", "degF", "dB", "V/Hz", "furlongz"])
+def test_what_is_of_no_kind_with_a_unit_has_no_si_unit(unit: str) -> None:
+    with pytest.raises(QuantityError, match="unit"):
+        si_unit(unit)
 
 
 @pytest.mark.parametrize("unit", _USUAL)
