@@ -110,9 +110,10 @@ def _asked(watched: Monitor, bench: Bench, screen: Screen, look: Callable[[str],
         screen.say(question.text)
         sensors.shaft.begin()
         watched.tap = None
-        while not screen.entered():
+        while (typed := screen.line()) is None:
             look(question.text)
-        screen.say(f"  {answered(question, sensors, watched.tap, findings) or 'nothing of it was seen'}")
+        nothing = "nothing was typed" if question.typed else "nothing of it was seen"
+        screen.say(f"  {answered(question, sensors, watched.tap, findings, typed) or nothing}")
     found, doubts = changes(findings, sensors, bench)
     for doubt in doubts:
         screen.warn(doubt)

@@ -30,6 +30,10 @@ _TRAIL_S: Final = 1e-3
 """Between two angles that are kept: a shaft that a hand turns passes half a degree in it."""
 TURNING_RAD: Final = math.radians(5.0)
 _STILL_S: Final = 0.7
+_STANDS_RAD: Final = math.radians(0.5)
+"""Within which an encoder on a bus may flicker."""
+_NO_MARK_S: Final = 2.0
+"""After the last mark a shaft that nothing else shows is taken to stand."""
 _FLAGS: Final = {
     Flag.OVERLOAD: "overload",
     Flag.OPEN_SENSOR: "open sensor",
@@ -123,15 +127,19 @@ def _drift_a_minute(means: Array) -> float:
 @dataclass(frozen=True, slots=True)
 class Turn:
     """What a turn by hand showed: by how much each encoder turned (rad, unwrapped, as it is read), what each
-    read last, and at every mark; how large a part of the turn a marker was high, NaN for one on a counter.
+    read last, and at every mark; how large a part of the turn a marker was high, NaN for one on a counter;
+    how many `marks` came.
     """
 
     turned: Mapping[str, float]
     last: Mapping[str, float]
     at_marks: Mapping[str, Array]
     high: float = math.nan
+    marks: int = 0
 
     def __str__(self) -> str:
+        if not self.turned:
+            return f"{counted(self.marks, 'mark')}; no encoder shows an angle"
         told = [f"{name} turned by {math.degrees(by):+.0f}°" for name, by in self.turned.items()]
         for name, angles in self.at_marks.items():
             if len(angles):
@@ -167,7 +175,7 @@ class Shaft:
         """Forget what was turned so far, but where each encoder stands."""
         self._marks, self._high, self._seen, self._moved_s = [], 0, 0, -math.inf
         for trail in self._trails.values():
-            del trail[:-1]
+            trail[:] = [(times[-1:], angle[-1:]) for times, angle in trail[-1:]]
 
     def take(self, reading: CardReading) -> None:
         first, count = reading.first_sample, reading.values.shape[1]
@@ -194,6 +202,9 @@ class Shaft:
         later = times_s >= begin_s
         if later.any():
             self._trails[name] = [(times_s[later], angle_rad[later])]
+            elsewhere = np.flatnonzero(np.abs(angle_rad - angle_rad[-1]) > _STANDS_RAD)
+            if len(elsewhere):
+                self._moved_s = max(self._moved_s, float(times_s[elsewhere[-1]]))
 
     def turned(self) -> Turn:
         """Since it was begun."""
@@ -205,13 +216,19 @@ class Shaft:
             {name: float(angle[-1]) for name, (_, angle) in there.items()},
             {name: np.interp(marks, times, angle) for name, (times, angle) in there.items()},
             self._high / self._seen if self._shares and self._seen else math.nan,
+            len(marks),
         )
 
     def rested(self, now_s: float) -> Turn | None:
         """A turn that has come to its end by then, which begins the next; None while there is none."""
         turn = self.turned()
-        still = now_s - self._moved_s > _STILL_S
-        if not still or max((abs(by) for by in turn.turned.values()), default=0.0) < TURNING_RAD:
+        if self._trails:
+            goes_on = now_s - self._moved_s <= _STILL_S
+            came = max((abs(by) for by in turn.turned.values()), default=0.0) >= TURNING_RAD
+        else:
+            came = bool(self._marks)
+            goes_on = came and now_s - self._marks[-1] <= _NO_MARK_S
+        if goes_on or not came:
             return None
         self.begin()
         return turn

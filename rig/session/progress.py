@@ -202,7 +202,12 @@ class Screen:
 
     def entered(self) -> bool:
         """Whether Enter was pressed, or a line came by a pipe, since this was asked last; never waits."""
-        return b"\n" in (_typed() or b"")
+        return self.line() is not None
+
+    def line(self) -> str | None:
+        """What was typed before Enter since this was asked last; None without an Enter. Never waits."""
+        text, enter, _ = (_typed() or b"").partition(b"\n")
+        return text.decode(errors="replace").strip() if enter else None
 
     def nobody_enters(self) -> bool:
         """Whether the input is at its end; what came before is gone. Never waits."""

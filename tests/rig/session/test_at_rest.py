@@ -234,6 +234,66 @@ def test_an_index_somewhere_else_is_told() -> None:
     assert doubts == []
 
 
+@pytest.mark.parametrize("declared", [False, True])
+@pytest.mark.parametrize("index_deg", [0.0, 90.0])
+def test_an_encoder_with_an_index_that_counts_the_other_way_is_told_both(
+    declared: bool, index_deg: float
+) -> None:
+    """Which way it counts hides nothing of where its index sits: what is written is right at once."""
+    counter = CounterWire("crank.angle", 1024, backwards=not declared, index_at=math.radians(index_deg))
+    said = Pulses(1024, 4, index=True, backwards=declared, initial_angle=math.radians(30.0))
+    marker = replace(MARKER, mark=Mark(MARKED_RAD))
+    found, doubts, _ = turn_and_zero(counter, MarkStage(), replace(ANGLE, pulses=said), marker)
+    way = "forwards" if declared else "backwards"
+    assert found == [
+        f'crank.angle: direction = "{way}"',
+        f'crank.angle: initial_angle = "{index_deg:.1f} deg"',
+    ]
+    assert doubts == []
+    written = replace(said, backwards=not declared, initial_angle=math.radians(index_deg))
+    again = turn_and_zero(counter, MarkStage(), replace(ANGLE, pulses=written), marker)
+    assert again[:2] == ([], [])
+
+
+def marked(typed: str, marker: CardChannel = MARKER) -> tuple[list[str], list[str], list[str]]:
+    """A shaft with a marker and nothing else, turned twice; what is to change, doubts, answers."""
+    bench, findings, watched = embedded_bench("planar_slider_crank"), Findings(), sensors(marker)
+    angle = np.linspace(0.0, 2.0 * math.tau, round(3.0 * RATE))
+    asked = list(questions(watched, bench))
+    show(watched, np.where((angle - MARKED_RAD) % math.tau < MARK_RAD, 5.0, 0.0)[None, :])
+    told = [answered(each, watched, None, findings, typed) for each in asked]
+    found, doubts = changes(findings, watched, bench)
+    return [str(each) for each in found], doubts, told
+
+
+@pytest.mark.parametrize("typed", ["211.5 deg", "211.5", " 211.5 ", "3.6914 rad"])
+def test_without_an_encoder_a_person_says_where_the_mark_is(typed: str) -> None:
+    found, doubts, told = marked(typed)
+    assert (found, doubts) == (['crank.marker: angle = "211.5 deg"'], [])
+    assert told == ["2 marks; no encoder shows an angle", "crank.marker begins at 211.5°"]
+
+
+def test_where_nothing_and_nobody_says_where_the_mark_is_it_is_said_so() -> None:
+    for typed, last in (("", ""), ("400", "not 400: 0 deg to 359.999 deg"), ("left", "not left: 0 deg to")):
+        found, doubts, told = marked(typed, replace(MARKER, mark=Mark(MARKED_RAD)))
+        assert found == []
+        assert told[1].startswith(last)
+        assert doubts == [
+            "without an encoder nothing shows where crank.marker begins: its angle stays 37.0 deg"
+        ]
+
+
+def test_a_turn_without_an_encoder_is_told_by_its_marks() -> None:
+    watched = sensors(MARKER)
+    angle = np.concatenate([np.linspace(0.0, 2.0 * math.tau, round(3.0 * RATE)), np.zeros(round(3.0 * RATE))])
+    marks = np.where((angle - MARKED_RAD) % math.tau < MARK_RAD, 5.0, 0.0)[None, :]
+    told = []
+    for first in range(0, marks.shape[1], BLOCK):
+        watched.take(CardReading(first, marks[:, first : first + BLOCK], (Flag.GOOD,), 0.0))
+        told.append(watched.shaft.rested(watched.end_s))
+    assert [str(turn) for turn in told if turn] == ["2 marks; no encoder shows an angle"]
+
+
 def test_a_mark_that_falls_is_told_before_its_angle() -> None:
     counter = CounterWire("crank.angle", 1024)
     found, doubts, _ = turn_and_zero(counter, MarkStage(falling=True), ANGLE, MARKER)
@@ -275,11 +335,28 @@ def test_an_encoder_on_the_bus_tells_its_direction_and_mounting(tmp_path: Path) 
     marks = np.where((angle - MARKED_RAD) % math.tau < MARK_RAD, 5.0, 0.0)
     show(watched, marks[None, :])
     watched.shaft.beside("encoder.angle", times, 50.0 - angle)
-    (asked,) = questions(watched, bench)
-    assert answered(asked, watched, None, findings)
+    turn, zero = questions(watched, bench)
+    assert answered(turn, watched, None, findings)
+    watched.shaft.begin()
+    times += times[-1] + 1.0 / RATE
+    watched.shaft.beside("encoder.angle", times, np.full(len(times), 50.0 - 3.0 * math.tau))
+    assert answered(zero, watched, None, findings).startswith("encoder.angle ")
     found, doubts = changes(findings, watched, bench)
     assert doubts == []
     assert str(found[0]) == '[encoder]: direction = "backwards"'
-    assert found[1].key == "mounting"
-    shown = float(str(found[1].value).removesuffix(" deg"))
-    assert shown == pytest.approx(math.degrees(50.0 - MARKED_RAD) % 360.0, abs=0.3)
+    shown = {each.key: float(str(each.value).removesuffix(" deg")) for each in found[1:]}
+    assert shown == {
+        "mounting": pytest.approx(math.degrees(50.0 - MARKED_RAD) % 360.0, abs=0.3),
+        "angle": pytest.approx(37.0, abs=0.3),
+    }
+
+
+def test_a_turn_that_only_an_encoder_on_the_bus_shows_is_told_once() -> None:
+    """Of its last half minute, over and over; a count that flickers turns no shaft."""
+    watched, told = sensors(MARKER), []
+    times = np.arange(0.0, 6.0, 1e-3)
+    angle = 4.0 * np.clip(times - 1.0, 0.0, 1.0) + 1e-3 * (np.arange(len(times)) % 2)
+    for end in range(100, len(times) + 1, 100):
+        watched.shaft.beside("encoder.angle", times[:end], angle[:end])
+        told.append(watched.shaft.rested(float(times[end - 1])))
+    assert [str(turn) for turn in told if turn] == ["encoder.angle turned by +229°"]

@@ -138,6 +138,9 @@ def test_whether_enter_was_pressed_is_told_without_waiting(monkeypatch: pytest.M
         typed.write(b"ne\n")
         assert screen.entered()
         assert not screen.entered()
+        typed.write(b" 37 deg \n")
+        assert screen.line() == "37 deg"
+        assert screen.line() is None
         typed.close()
         assert not screen.entered()
 
