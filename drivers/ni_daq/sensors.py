@@ -84,7 +84,8 @@ FORCE: Final = {"N": Quantity("N", 0, 1e6, above=True)}
 ACCELERATION: Final = {"m/s2": Quantity("m/s2", 0, 1e6, above=True)}
 VOLTAGE: Final = {"V": Quantity("V", 0, 1e3, above=True)}
 SPEED: Final = {"rad/s": Quantity("rad/s", 0, 1e5, above=True)}
-_ANY_UP_TO: Final = 1e9
+ANY_UP_TO: Final = 1e9
+"""Of a channel that no rig has, in its unit: 10,000 bar."""
 _VOLTS_EACH: Final = ("sensitivity", "range")
 _ANY_INPUT: Final = ("resonance", "delay", "inverted")
 
@@ -161,7 +162,7 @@ def units_of(sensor: Sensor, unit: str, modelled: bool) -> Mapping[str, Quantity
     """What a sensor can measure of a channel in `unit`, which is free where none of the rig's is meant."""
     if modelled or unit in sensor.units or not (isinstance(sensor, AnalogSensor) and sensor.any_unit):
         return sensor.units
-    return {**sensor.units, unit: Quantity(unit, 0, _ANY_UP_TO, above=True)}
+    return {**sensor.units, unit: Quantity(unit, 0, ANY_UP_TO, above=True)}
 
 
 def declare_voltage(task: Any, channel: CardChannel) -> None:

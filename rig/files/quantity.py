@@ -88,10 +88,12 @@ def si_unit(unit: str) -> str:
     """
     if unit in _SI:
         return unit
+    if not unit:
+        raise QuantityError("the unit is missing")
     _, base = _in_si(unit, gravity=unit == "g")
     found = next((name for name in _SI if base and _in_si(name, gravity=False) == (1.0, base)), None)
     if found is None:
-        raise QuantityError(f"{unit or 'none'} is not a unit that a channel can be in")
+        raise QuantityError(f"{unit} is not a unit that a channel can be in")
     return found
 
 

@@ -6,13 +6,13 @@ import copy
 import datetime
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from daq.errors import UnphysicalParameter
 from daq.quantity import REQUIRED, Depending, Quantity, Setting, Text, settings_of
+from drivers.ni_daq.sensors import ANY_UP_TO
 from rig.files.faults import Faults, as_written, dotted, read_toml, toml_of
 from rig.files.file_kind import read_file
 from rig.files.quantity import QuantityError, si_unit, written
@@ -219,24 +219,26 @@ def _limits(table: object, kind: RigKind, faults: Faults) -> Iterator[Limit]:
         return
     for channel, entry in _by_channel(table):
         key = dotted("limits", channel)
-        own = declared(channel) is None
-        unit = _unit_of_its_own(entry) if own else kind.channels.unit(channel)
+        unit, known = kind.channels.unit(channel), declared(channel) is not None
+        why = "" if known else _OF_ITS_OWN
+        if not known:
+            try:
+                unit = _unit_of_its_own(entry)
+            except (QuantityError, OverflowError) as error:
+                why = f"{_OF_ITS_OWN} ({error})"
         if unit is None:
-            faults.unknown(key, entry, channel, kind.channels.told, more=_OF_ITS_OWN if own else "")
+            faults.unknown(key, entry, channel, kind.channels.told, more=why)
         else:
-            yield from _limit(channel, unit, entry, key, faults)
+            yield from _limit(channel, unit, entry, key, faults, LEVEL_UP_TO if known else ANY_UP_TO)
 
 
 _OF_ITS_OWN: Final = '; of a channel that no rig has, a level with its unit, such as "94 Pa"'
 
 
-def _unit_of_its_own(entry: object) -> str | None:
-    """The unit of a level of a channel that only a bench knows; None where there is none."""
-    for name in ("abort", "warning"):
-        if isinstance(entry, dict) and name in entry:
-            with suppress(QuantityError, OverflowError):
-                return si_unit(written(entry[name])[1])
-    return None
+def _unit_of_its_own(entry: object) -> str:
+    """The unit of a level of a channel that only a bench knows; raises QuantityError."""
+    levels = entry if isinstance(entry, dict) else {}
+    return si_unit(written(levels.get("abort", levels.get("warning", "")))[1])
 
 
 def _by_channel(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, object]]:
@@ -249,10 +251,8 @@ def _by_channel(table: dict[str, Any], before: str = "") -> Iterator[tuple[str, 
             yield name, entry
 
 
-def _limit(channel: str, unit: str, entry: object, key: str, faults: Faults) -> Iterator[Limit]:
-    level = Depending(
-        "a quantity in the channel's unit", lambda _: Quantity(unit, 0, LEVEL_UP_TO, above=True)
-    )
+def _limit(channel: str, unit: str, entry: object, key: str, faults: Faults, up_to: float) -> Iterator[Limit]:
+    level = Depending("a quantity in the channel's unit", lambda _: Quantity(unit, 0, up_to, above=True))
     levels = {name: Setting(name, name, float | None, None, level) for name in ("warning", "abort")}
     values = read_values({**levels, **settings_of(Limit)}, entry, key, faults)
     if values is None:

@@ -102,6 +102,7 @@ def test_a_limit_of_a_channel_that_no_rig_has_is_in_its_own_unit() -> None:
     check_pair(
         felt, parse(TEXT + MICROPHONE.replace("= 1.0", '= "100 mV/g"').replace('"5 V"', '"50 g"')), TODAY
     )
+    assert limited('abort = "200 bar"').limits == (Limit("room.sound", "Pa", None, 2e7),)
     hot = limited('abort = "80 °C"')
     assert hot.limits == (Limit("room.sound", "degC", None, 80.0),)
     check_pair(hot, parse(TEXT + warm), TODAY)
@@ -139,10 +140,20 @@ def test_a_limit_of_a_channel_that_the_bench_has_not_is_refused() -> None:
     assert problem.allowed.endswith("(did you mean crank_frame.acceleration_x?)")
 
 
-@pytest.mark.parametrize("levels", ["abort = 2", 'abort = "94 dB"', 'abort = "loud"', "hold = 1"])
-def test_a_limit_of_a_name_that_no_rig_has_wants_a_unit(levels: str) -> None:
+@pytest.mark.parametrize(
+    ("levels", "why"),
+    [
+        ("abort = 2", "the unit is missing"),
+        ('abort = "94 dB"', "dB is no multiple of a unit"),
+        ('abort = "180 degF"', "degF is no multiple of a unit"),
+        ('abort = "2 furlongz"', "furlongz is not a known unit"),
+        ('abort = "loud"', "not a number with a unit"),
+        ("hold = 1", "not a number with a unit"),
+    ],
+)
+def test_a_limit_of_a_name_that_no_rig_has_wants_a_unit(levels: str, why: str) -> None:
     problem = only_problem(lambda: limited(levels), 'limits."room.sound"')
-    assert "of a channel that no rig has, a level with its unit" in problem.allowed
+    assert problem.allowed.endswith(f'that no rig has, a level with its unit, such as "94 Pa" ({why})')
 
 
 def test_a_name_that_no_rig_has_is_taken_for_a_mistake_unless_it_is_said_not_to_be_modelled() -> None:
