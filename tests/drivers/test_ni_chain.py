@@ -238,11 +238,13 @@ def test_a_mark_is_shown_as_one_of_5_volts_that_rises(falling: bool) -> None:
     assert {reading.flags for reading in readings} == {(Flag.GOOD,)}
 
 
-@pytest.mark.parametrize("delay", [30.4 / RATE, Samples(30.4)])
-def test_an_input_that_is_late_shows_it_later(delay: float | Samples) -> None:
-    values = values_of(read(sine(1000.0, 100.0), Wire("force", TRUE, delay=delay), FORCE))[2560:]
-    at = np.arange(2560, 25600) - 30.4
-    assert values == pytest.approx(100.0 * np.sin(math.tau * 1000.0 * at / RATE), abs=0.02)
+@pytest.mark.parametrize("samples", [30.4, 2000.4])
+def test_an_input_that_is_late_shows_it_later(samples: float) -> None:
+    """By a time or by samples, more of them than a reading has too."""
+    for delay in (samples / RATE, Samples(samples)):
+        values = values_of(read(sine(1000.0, 100.0), Wire("force", TRUE, delay=delay), FORCE))[2560:]
+        at = np.arange(2560, 25600) - samples
+        assert values == pytest.approx(100.0 * np.sin(math.tau * 1000.0 * at / RATE), abs=0.02)
 
 
 def test_a_sensor_rings_at_its_own_frequency() -> None:

@@ -116,13 +116,15 @@ class _Delay:
         at = np.arange(2 * reach + 2) + first - samples
         window = np.interp(at, np.arange(-reach - 1, reach + 2), signal.windows.kaiser(2 * reach + 3, 8.0))
         taps = np.sinc(at) * window
-        self._taps = np.concatenate([np.zeros(first), taps / taps.sum()])
+        self._taps, self._held = taps / taps.sum(), np.zeros(first)
         self._state = np.zeros(len(self._taps) - 1)
         self._filtered = signal.lfilter
 
     def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
         shown, self._state = self._filtered(self._taps, [1.0], volts, zi=self._state)
-        return np.asarray(shown)
+        joined = np.concatenate([self._held, shown])
+        self._held = joined[len(volts) :]
+        return joined[: len(volts)]
 
 
 class _LowPass:
