@@ -94,11 +94,11 @@ _ANY_INPUT: Final = ("resonance", "delay", "inverted")
 class AnalogSensor:
     """A kind of sensor on an analog input; `declare(task, channel)` adds its channel to a DAQmx task.
 
-    `units` are those that it can measure, each with what a full scale may be; of a channel that no rig has,
-    `any_unit`, for the card sees volts. A channel must have the keys `needs` of a bench file and may have
-    the keys `takes`. With `in_volts` DAQmx delivers volts, else the unit
-    itself. `noisy` inputs never show one code for long; `ac_coupled` ones have no mean. `sheet` reads the
-    sensitivity (V per unit) that a TEDS states.
+    `units` are those that it can measure, each with what a full scale may be; with `any_unit` that of a
+    channel that no rig has may be any, for the card sees volts. A channel must have the keys `needs` of a
+    bench file and may have the keys `takes`. With `in_volts` DAQmx delivers volts, else the unit itself.
+    `noisy` inputs never show one code for long; `ac_coupled` ones have no mean. `sheet` reads the sensitivity
+    (V per unit) that a TEDS states.
     """
 
     units: Mapping[str, Quantity]
