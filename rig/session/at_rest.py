@@ -173,7 +173,8 @@ class Shaft:
 
     def begin(self) -> None:
         """Forget what was turned so far, but where each encoder stands."""
-        self._marks, self._high, self._seen, self._moved_s = [], 0, 0, -math.inf
+        self._marks, self._moved_s = [], -math.inf
+        self._shown, self._since_mark = np.zeros(2), np.zeros(2)  # samples that were high, and all of them
         for trail in self._trails.values():
             trail[:] = [(times[-1:], angle[-1:]) for times, angle in trail[-1:]]
 
@@ -188,12 +189,24 @@ class Shaft:
         if self._marker is not None:
             volts = reading.values[self._marker]
             edges = self._edges.find(volts)
+            high = volts > (LOW_V + HIGH_V) / 2
+            if moved:
+                self._shown += np.count_nonzero(high), count
+            elif not self._angles:
+                self._share(high, edges.position - first)
             self._marks += (edges.position / self._rate).tolist()
-            if moved or not self._angles:
-                self._high += int(np.count_nonzero(volts > (LOW_V + HIGH_V) / 2))
-                self._seen += count
         if moved:
             self._moved_s = float(times[-1])
+
+    def _share(self, high: NDArray[np.bool_], marks: Array) -> None:
+        """Count from the first mark to the last, where nothing else shows when a shaft stands on its mark."""
+        cuts = np.clip(np.ceil(marks).astype(int), 0, len(high))
+        for number, part in enumerate(np.split(high, cuts)):
+            if number:
+                self._shown += self._since_mark
+                self._since_mark = np.zeros(2)
+            if number or self._marks:
+                self._since_mark += np.count_nonzero(part), len(part)
 
     def beside(self, name: str, times_s: Array, angle_rad: Array) -> None:
         """What an encoder on a bus has shown of late, on the card's time; it replaces what was there."""
@@ -215,7 +228,7 @@ class Shaft:
             {name: float(angle[-1] - angle[0]) for name, (_, angle) in there.items()},
             {name: float(angle[-1]) for name, (_, angle) in there.items()},
             {name: np.interp(marks, times, angle) for name, (times, angle) in there.items()},
-            self._high / self._seen if self._shares and self._seen else math.nan,
+            float(self._shown[0] / self._shown[1]) if self._shares and self._shown[1] else math.nan,
             len(marks),
         )
 

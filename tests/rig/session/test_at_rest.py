@@ -255,12 +255,18 @@ def test_an_encoder_with_an_index_that_counts_the_other_way_is_told_both(
     assert again[:2] == ([], [])
 
 
-def marked(typed: str, marker: CardChannel = MARKER) -> tuple[list[str], list[str], list[str]]:
-    """A shaft with a marker and nothing else, turned twice; what is to change, doubts, answers."""
+def marked(
+    typed: str, marker: CardChannel = MARKER, from_rad: float = 0.0, high: float = 5.0
+) -> tuple[list[str], list[str], list[str]]:
+    """A shaft with only a marker that stands, then turns twice; what is to change, doubts, answers.
+
+    The mark is `high`, V, and all else 5 V less or more.
+    """
     bench, findings, watched = embedded_bench("planar_slider_crank"), Findings(), sensors(marker)
-    angle = np.linspace(0.0, 2.0 * math.tau, round(3.0 * RATE))
+    turns = from_rad + np.linspace(0.0, 2.0 * math.tau, round(3.0 * RATE))
+    angle = np.concatenate([np.full(round(9.0 * RATE), from_rad), turns, np.full(round(RATE), turns[-1])])
     asked = list(questions(watched, bench))
-    show(watched, np.where((angle - MARKED_RAD) % math.tau < MARK_RAD, 5.0, 0.0)[None, :])
+    show(watched, np.where((angle - MARKED_RAD) % math.tau < MARK_RAD, high, 5.0 - high)[None, :])
     told = [answered(each, watched, None, findings, typed) for each in asked]
     found, doubts = changes(findings, watched, bench)
     return [str(each) for each in found], doubts, told
@@ -281,6 +287,13 @@ def test_where_nothing_and_nobody_says_where_the_mark_is_it_is_said_so() -> None
         assert doubts == [
             "without an encoder nothing shows where crank.marker begins: its angle stays 37.0 deg"
         ]
+
+
+@pytest.mark.parametrize("from_rad", [MARKED_RAD + MARK_RAD / 2, MARKED_RAD + 3.0])
+@pytest.mark.parametrize("high", [5.0, 0.0])
+def test_where_a_shaft_stands_says_nothing_of_a_marks_polarity(from_rad: float, high: float) -> None:
+    found, _, _ = marked("0", from_rad=from_rad, high=high)
+    assert found == ([] if high else ['crank.marker: polarity = "falling"'])
 
 
 def test_a_turn_without_an_encoder_is_told_by_its_marks() -> None:
