@@ -5,12 +5,13 @@ times as far off as healthy rigs lie, records two runs of each and has `rattle i
 own file and by `rattle gap` on further runs; `effects` hides one effect in each of the rigs that were
 identified, and in a nominal one, and has `rattle diagnose` name it; `healthy` records healthy rigs of
 tolerances twice as wide and counts those that lie outside of the healthy band, with and without what `rattle
-calibrate --spread` learnt of five others. Every rig's result is a file in DIR: what is there is not done
-again, so parts of it add up, and a search that is stopped or runs out of time goes on where it was. `score`
-prints. Each step returns 1 where a figure misses its bar.
+calibrate --spread` learnt of five others. Every rig's result is a file in benchmarks/measured/identified,
+with the commit that it is of: what is there is not done again, so parts of it add up, and a search that is
+stopped or runs out of time goes on where it was, by what DIR holds. `score` prints. Each step returns 1 where
+a figure misses its bar.
 
 Usage: python -m benchmarks.identified {rigs,effects,healthy,score} DIR [--more N] [--only RIG] [--count N]
-    [--seed 1] [--budget SECONDS]
+    [--seed 1] [--budget SECONDS] [--results FOLDER]
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ import resource
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -46,6 +48,7 @@ from rig.session.progress import Screen, Terminal
 from rig.twin.logged import campaign_with_model
 from rig.twin.scenario_twin import twin_of
 
+RESULTS = Path(__file__).with_name("measured") / "identified"
 FREE: Final = {
     BEAM: (
         "beam_modulus", "beam_density", "beam_length", "beam_width", "beam_thickness", "contact_stiffness",
@@ -61,7 +64,7 @@ FREE: Final = {
 }  # fmt: skip
 RUNS, BUDGET_S = 2, {"rigs": 3600.0, "effects": 60.0}
 LEARN, WIDER, HEALTHY, LONGEST_S = 5, 2.0, 48, 20.0
-FARTHEST: Final = 2.0
+FARTHEST: Final = 3.0
 """Of ten healthy deviations: farther no rig lies."""
 HOLD, GAP, WALL_S, POINTS, CALLED_OFF = (0.88, 0.99), 1.15, 300.0, 0.05, 3 / 60
 """Bars: share of values held, median gap afterwards, seconds of two cores, share of first answers that fewer
@@ -69,6 +72,36 @@ are right, share of healthy rigs called off."""
 _COUNTS: Final = {"rigs": 20, "effects": 20, "healthy": 30, "score": 0}
 _OUT_OF_TIME: Final = "time ran out"
 _FRAMES: Final = {"crank_y": CRANK_Y, "crank_x": CRANK_X, "piston_y": PISTON_Y}
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A rig: its logs and what is not yet done lie in `folder`, what came out in files of `results`."""
+
+    folder: Path
+    results: Path
+
+    def found(self, step: str) -> dict[str, Any] | None:
+        file = self._file(step)
+        return json.loads(file.read_text()) if file.exists() else None
+
+    def keep(self, step: str, found: Mapping[str, Any]) -> None:
+        self.results.mkdir(parents=True, exist_ok=True)
+        self._file(step).write_text(json.dumps({"commit": commit(), **found}, indent=1) + "\n")
+
+    def _file(self, step: str) -> Path:
+        return self.results / f"{self.folder.name}_{step}.json"
+
+
+def commit() -> str:
+    """What is measured; with a plus where files of it have been changed since."""
+
+    def git(*ask: str) -> str:
+        command = ["git", *ask]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()  # noqa: S603
+
+    changed = git("status", "--porcelain", "--", "rig", "sim_twin", "daq")
+    return git("rev-parse", "--short=8", "HEAD") + ("+" if changed else "")
 
 
 def beam_of(values: Mapping[str, float], rig: Any) -> Any:
@@ -162,9 +195,10 @@ def _children_s() -> float:
     return spent.ru_utime + spent.ru_stime
 
 
-def identify_rig(folder: Path, rig: str, number: int, seed: int, budget_s: float) -> None:
-    """Draw, record and identify one rig; its result.json says what came of it."""
-    result, spent = folder / "result.json", folder / "spent.json"
+def identify_rig(case: Case, rig: str, number: int, seed: int, budget_s: float) -> None:
+    """Draw, record and identify one rig."""
+    folder = case.folder
+    spent = folder / "spent.json"
     rng = np.random.default_rng([seed, number, rig == CRANK])
     points = points_of(rig, RUNS, rng)
     values = drawn_values(rig, points[0], rng)
@@ -181,10 +215,11 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int, budget_s: float
         spent.write_text(json.dumps(took))
         print(f"{folder.name}: not done after {took[0]:.0f} s; it goes on there", flush=True)
         return
-    found: dict[str, Any] = {"rig": rig, "truth": values, "code": code, "told": told[-2000:]}
+    found: dict[str, Any] = {"rig": rig, "truth": values, "code": code}
     found |= {"wall_s": took[0], "cpu_s": took[1]}
     if code == 0:
         known = load_model(model, rig)
+        found["model"] = known.text
         found["identified"] = {
             key: {"value": known.model[key], "low": each.low, "high": each.high, "told": each.told}
             for key, each in known.identified.items()
@@ -193,14 +228,17 @@ def identify_rig(folder: Path, rig: str, number: int, seed: int, budget_s: float
         for name, more in (("gap", ("--model", model)), ("gap_before", ())):
             code, told = rattle(folder / f"{name}.txt", "gap", *judged, *more, "--json")
             found[name] = json.loads(told[told.index("{") :])["before"] if code == 0 else None
-    result.write_text(json.dumps(found, indent=1))
+    case.keep("rigs", found)
     print(f"{folder.name}: exit code {found['code']}, {found['wall_s']:.0f} s", flush=True)
 
 
-def diagnose_effect(folder: Path, rig: str, number: int, seed: int, budget_s: float) -> None:
-    """Hide one effect in the identified rig, and the same in a nominal one; effect.json says who named it."""
-    result, model = folder / "effect.json", folder / "model.toml"
-    truth = json.loads((folder / "result.json").read_text())["truth"]
+def diagnose_effect(case: Case, rig: str, number: int, seed: int, budget_s: float) -> None:
+    """Hide one effect in a rig that was identified, and the same in a nominal one: who names it?"""
+    folder, of_rig = case.folder, case.found("rigs")
+    assert of_rig is not None
+    folder.mkdir(parents=True, exist_ok=True)
+    truth, model = of_rig["truth"], folder / "model.toml"
+    model.write_text(of_rig["model"])
     rng = np.random.default_rng([seed, number, rig == CRANK, 1])
     causes = list(CATALOGUE[rig].values())
     entry = causes[number % len(causes)].draw(rng)
@@ -211,15 +249,13 @@ def diagnose_effect(folder: Path, rig: str, number: int, seed: int, budget_s: fl
         logs = folder / name
         paths = recorded_runs(logs, rig, points, 1000 * seed + number, built, (entry,), first=2 * RUNS)
         out = logs / "answer"
-        code, told = rattle(
-            logs / "diagnose.txt", "diagnose", *paths, *more, "--out", out, "--budget", budget_s
-        )
+        code, _ = rattle(logs / "diagnose.txt", "diagnose", *paths, *more, "--out", out, "--budget", budget_s)
         first = None
         if code == 0:
             answer = answer_of(json.loads((out / "diagnosis.json").read_text()))
             first = answer.ranking()[0][0]
-        found[name] = {"code": code, "first": first, "right": first == entry["name"], "told": told[-500:]}
-    result.write_text(json.dumps(found, indent=1))
+        found[name] = {"code": code, "first": first, "right": first == entry["name"]}
+    case.keep("effects", found)
     print(f"{folder.name}: {entry['name']}, {[found[each]['first'] for each in ('identified', 'nominal')]}")
 
 
@@ -227,7 +263,7 @@ def _as_it_is(rig: Any) -> Any:
     return rig
 
 
-def judge_healthy(folder: Path, rig: str, count: int, seed: int, more: int) -> int:
+def judge_healthy(folder: Path, results: Path, rig: str, count: int, seed: int, more: int) -> int:
     """Rigs of tolerances twice as wide: five to learn from, at most `more` that are judged (how many)."""
     point = points_of(rig, 1, np.random.default_rng([seed, rig == CRANK, 2]))
     learn = [
@@ -241,10 +277,9 @@ def judge_healthy(folder: Path, rig: str, count: int, seed: int, more: int) -> i
         if code:
             raise SystemExit(told)
         print(told, flush=True)
-    results = {number: folder / f"healthy{number:02d}.json" for number in range(count)}
-    open_ones = [number for number, result in results.items() if not result.exists()][:more]
+    cases = {number: Case(folder / f"{rig}_{number:02d}", results) for number in range(count)}
+    open_ones = [number for number, case in cases.items() if case.found("healthy") is None][:more]
     for number in open_ones:
-        result = results[number]
         (path,) = recorded_runs(folder / f"rig{number:02d}", rig, point, 8000 + number, wider=WIDER)
         plain, known = recorded_alone(path, LONGEST_S), load_model(lab, rig)
         campaign = campaign_with_model(plain.campaign, known, [plain.scenario], print)
@@ -254,25 +289,26 @@ def judge_healthy(folder: Path, rig: str, count: int, seed: int, more: int) -> i
             if band is None:
                 raise SystemExit("no healthy band")
             found[name] = any(place.beyond for place in band.places(run.measured))
-        result.write_text(json.dumps(found))
+        cases[number].keep("healthy", found)
         print(
-            f"{result.stem}: beyond the usual band {found['usual']}, beyond the lab's {found['own']}",
+            f"{cases[number].folder.name}: beyond the usual band {found['usual']}, "
+            f"beyond the lab's {found['own']}",
             flush=True,
         )
     return len(open_ones)
 
 
-def score(folder: Path) -> bool:
+def score(results: Path) -> bool:
     """Print what the rigs' results come to; whether every figure that there is meets its bar."""
     met, called_off, judged = True, 0, 0
     for rig in (BEAM, CRANK):
-        met &= _score_values(rig, _results(folder, "*/result.json", rig))
-        effects = _results(folder, "*/effect.json", rig)
+        met &= _score_values(rig, _results(results, "rigs", rig))
+        effects = _results(results, "effects", rig)
         right = {name: sum(each[name]["right"] for each in effects) for name in ("identified", "nominal")}
         for name, count in right.items() if effects else ():
             print(f"  single effects on {name} rigs: first right in {count} of {len(effects)}")
         met &= right["identified"] >= right["nominal"] - POINTS * len(effects)
-        healthy = _results(folder, "*/healthy*.json", rig)
+        healthy = _results(results, "healthy", rig)
         for name, words in (("usual", "as shipped"), ("own", "as learnt of five")) if healthy else ():
             beyond = sum(each[name] for each in healthy)
             print(f"  healthy rigs twice as wide, tolerances {words}: {beyond} of {len(healthy)} called off")
@@ -280,9 +316,12 @@ def score(folder: Path) -> bool:
     return met and called_off <= CALLED_OFF * judged
 
 
-def _results(folder: Path, pattern: str, rig: str) -> list[dict[str, Any]]:
-    found = [json.loads(file.read_text()) for file in sorted(folder.glob(pattern))]
-    return [each for each in found if each["rig"] == rig]
+def _results(folder: Path, step: str, rig: str) -> list[dict[str, Any]]:
+    found = [json.loads(file.read_text()) for file in sorted(folder.glob(f"{rig}_*_{step}.json"))]
+    if found:
+        counts = Counter(each["commit"] for each in found)
+        print(f"{rig}, {step}: {', '.join(f'{count} at {at}' for at, count in counts.items())}")
+    return found
 
 
 def _score_values(rig: str, results: Sequence[Mapping[str, Any]]) -> bool:
@@ -311,8 +350,7 @@ def _score_values(rig: str, results: Sequence[Mapping[str, Any]]) -> bool:
     return met
 
 
-_STEPS: Final = {"rigs": ("result.json", identify_rig), "effects": ("effect.json", diagnose_effect)}
-"""What each writes of a rig, and does."""
+_STEPS: Final = {"rigs": identify_rig, "effects": diagnose_effect}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -320,6 +358,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identified", description=__doc__)
     parser.add_argument("step", choices=("rigs", "effects", "healthy", "score"))
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--count", type=int, help="rigs a kind; without it as many as the figures want")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=(BEAM, CRANK))
@@ -331,18 +370,20 @@ def main(arguments: list[str] | None = None) -> int:
     if asked.step == "healthy":
         more = asked.more
         for rig in rigs:
-            more -= judge_healthy(asked.folder / f"{rig}_healthy", rig, count, asked.seed, more)
+            folder = asked.folder / f"{rig}_healthy"
+            more -= judge_healthy(folder, asked.results, rig, count, asked.seed, more)
     if asked.step in _STEPS:
-        result, do = _STEPS[asked.step]
         every = [
-            (asked.folder / f"{rig}_{number:02d}", rig, number) for number in range(count) for rig in rigs
+            (Case(asked.folder / f"{rig}_{number:02d}", asked.results), rig, number)
+            for number in range(count)
+            for rig in rigs
         ]
-        open_ones = [each for each in every if not (each[0] / result).exists()]
+        open_ones = [each for each in every if each[0].found(asked.step) is None]
         if asked.step == "effects":  # in rigs that were identified
-            open_ones = [each for each in open_ones if (each[0] / "model.toml").exists()]
-        for folder, rig, number in open_ones[: asked.more]:
-            do(folder, rig, number, asked.seed, asked.budget or BUDGET_S[asked.step])
-    return 0 if score(asked.folder) else 1
+            open_ones = [each for each in open_ones if "model" in (each[0].found("rigs") or {})]
+        for case, rig, number in open_ones[: asked.more]:
+            _STEPS[asked.step](case, rig, number, asked.seed, asked.budget or BUDGET_S[asked.step])
+    return 0 if score(asked.results) else 1
 
 
 if __name__ == "__main__":

@@ -73,7 +73,7 @@ def identify(
 
 
 def _show(found: Identification, rig: str, screen: Screen) -> None:
-    from rig.diagnosis.identify import STILL_MOVED, rows
+    from rig.diagnosis.identify import STILL_MOVED, TOGETHER, rows
 
     table = Table(box=None, pad_edge=False)
     for heading in ("key", "found", "95 % interval", "was", ""):
@@ -84,7 +84,7 @@ def _show(found: Identification, rig: str, screen: Screen) -> None:
     if not all(found.known.told()):
         screen.warn("not told: known hardly better than before these runs; it only goes with the others")
     for one, other in found.known.together():
-        screen.warn(f"{one} and {other} are told together only: fix one of them, if you know it")
+        screen.warn(TOGETHER.format(one, other))
     if not found.converged:
         screen.warn(f"{STILL_MOVED}: their intervals are wider by that; add runs, or free fewer")
     screen.say(f"gap        {found.gap:.2f} with these values in the twin   (1 = as far as a healthy rig)")

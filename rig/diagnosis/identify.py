@@ -125,10 +125,10 @@ def wide_of(kind: RigKind, key: str, given: Mapping[str, Any], twin: AnyTwin, be
 
     Raises FieldError, which says what may be asked for.
     """
-    setting = kind.model[key]
-    if not isinstance(setting.meaning, Quantity) or setting.type not in (float, float | None):
-        raise FieldError("a key of one number that is no count")
-    meaning = setting.meaning
+    setting = kind.numbers.get(key)
+    if setting is None or not isinstance(meaning := setting.meaning, Quantity):
+        several = [name for name in kind.numbers if name.startswith(f"{key}[")]
+        raise FieldError(listed(several, "or") if several else "a key of one number that is no count")
     low, high = (end * si_factor(meaning.unit) for end in (meaning.low, meaning.high))
     if between:
         return _asked(setting, between)
@@ -185,6 +185,7 @@ def wides_of(data: RecordedCampaign, free: Mapping[str, str]) -> tuple[Wide, ...
 
 
 STILL_MOVED = "The values still moved in the last round"
+TOGETHER = "{} and {} are told together only: fix one of them, if you know it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,6 +341,7 @@ def identify(
         simulate = kept(campaign)
         require_moves(wides, campaign, simulate)
         known, converged, moved = nothing_known(wides), False, np.zeros(len(wides))
+        told_together = set[tuple[str, str]]()
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             rounds = fitted_rounds(
                 campaign, wides, data.measured, simulate, np.random.default_rng(seed), data.told
@@ -352,6 +354,9 @@ def identify(
                         f"round {number}: {each.rigs} rigs, {sum(known.told())} of {len(wides)} values told; "
                         f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
                     )
+                    for pair in set(known.together()) - told_together:
+                        screen.warn(TOGETHER.format(*pair))
+                        told_together.add(pair)
             except SimulationFailed:
                 if not simulate.cut_short:
                     raise

@@ -19,7 +19,7 @@ from annotated_types import Ge, Le
 from pydantic import Strict
 
 from daq.quantity import Key, Quantity, Text, Whole
-from rig.files.faults import Faults, dotted, read_toml
+from rig.files.faults import Faults, dotted, read_toml, toml_key
 from rig.files.file_kind import read_file
 from rig.files.quantity import si_factor
 from rig.files.scenario import MOST_TIMES
@@ -210,7 +210,7 @@ def identified_text(
     for key, value in values.items():
         unit = getattr(known[key].meaning, "unit", "")
         text = f"{value / si_factor(unit):.6g} {unit}".strip()
-        lines.append(f"{key} = {json.dumps(text) if unit else text}  # {remarks[key]}")
+        lines.append(f"{toml_key(key)} = {json.dumps(text) if unit else text}  # {remarks[key]}")
     for each in identified.values():
         lines += ["", "[[identified]]", f'key = "{each.key}"', f"low = {each.low!r}", f"high = {each.high!r}"]
         lines += [] if each.was is None else [f"was = {each.was!r}"]

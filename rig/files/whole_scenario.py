@@ -41,7 +41,7 @@ def whole_scenario(kind: RigKind) -> str:
     """The text; what it holds is read as the scenario of the rig as its source has it."""
     lines = [_HEAD.format(rig=kind.name), f'name = "{kind.name}"', f'rig = "{kind.name}"', "", "[model]"]
     alternatives = _alternatives(kind)
-    for key, setting in kind.model.items():
+    for key, setting in kind.keys.items():
         if key in signature(kind.nominal).parameters:
             lines.append(_line(setting, setting.default))
         else:

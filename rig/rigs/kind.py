@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import resources
 from inspect import signature
-from typing import Any
+from typing import Any, get_args, get_origin
 
-from daq.quantity import REQUIRED, Check, Setting, settings_of
+from daq.quantity import REQUIRED, Check, Quantity, Setting, settings_of
 from sim_twin.healthy import Tolerance
 from sim_twin.rigs.channel_table import ChannelTable, Role
 from sim_twin.twin import AnyTwin, Place, Twin, part_of
@@ -27,9 +27,12 @@ def _with(part: Any, values: Mapping[Place, Any]) -> Any:
     inner: dict[str, dict[Place, Any]] = {}
     for (step, *rest), value in values.items():
         inner.setdefault(step, {})[tuple(rest)] = value
-    new = {
-        step: below[()] if () in below else _with(part_of(part, step), below) for step, below in inner.items()
-    }
+    new = dict[str, Any]()
+    for step, below in inner.items():
+        whole = below.pop((), None) if () in below else part_of(part, step)
+        new[step] = _with(whole, below) if below else whole
+    if isinstance(part, tuple):
+        return tuple(new.get(str(index), each) for index, each in enumerate(part))
     return {**part, **new} if isinstance(part, Mapping) else replace(part, **new)
 
 
@@ -74,7 +77,28 @@ class RigKind:
 
     @cached_property
     def model(self) -> Mapping[str, Setting]:
-        """What may stand in [model], by key; each has a default."""
+        """What may stand in [model], by key; each has a default. Of several numbers `key[1]` is the first."""
+        return {**self.keys, **{key: each for key, each in self.numbers.items() if key not in self.keys}}
+
+    @cached_property
+    def numbers(self) -> Mapping[str, Setting]:
+        """What of [model] is one number and no count."""
+        found: dict[str, Setting] = {}
+        for key, each in self.keys.items():
+            if not isinstance(each.meaning, Quantity):
+                continue
+            if each.type in (float, float | None):
+                found[key] = each
+            elif get_origin(each.type) is tuple:
+                for index in range(len(get_args(each.type))):
+                    name, place = f"{key}[{index + 1}]", (*each.place, str(index))
+                    own = None if each.default is None else each.default[index]
+                    found[name] = replace(each, key=name, type=float, default=own, place=place)
+        return found
+
+    @cached_property
+    def keys(self) -> Mapping[str, Setting]:
+        """The keys of [model]."""
         nominal = self.nominal()
         of_fields = {
             key: replace(each, default=at(nominal, each.place))

@@ -115,6 +115,7 @@ def test_values_far_off_are_found_and_used(
         ("contact_stifness", "did you mean contact_stiffness"),
         ("beam", "a key of one number that is no count"),
         ("modes", "a key of one number that is no count"),
+        ("modal_damping[1]", "unknown key"),
         ("shaker_mass", "a range, such as shaker_mass=LOW..HIGH"),
         ("pivot_stiffness", "it has none as it stands"),
         ("yoke_frequency=5 m..3 Hz", "m is not a unit of this kind"),
@@ -190,6 +191,27 @@ def test_the_spatial_cranks_values_are_looked_for_in_its_recordings(tmp_path: Pa
     drawn = [lighter.model.draw_healthy(lighter, np.random.default_rng(seed)) for seed in range(3)]
     assert [each.rig.guide_clearance for each in drawn] == [3e-4] * 3
     assert {each.rig.slider.mass for each in drawn} == {0.3}
+
+
+def test_one_of_several_numbers_is_looked_for_and_written_as_a_scenario_has_it() -> None:
+    kind, scenario = RIGS["spatial_slider_crank"], parse_scenario(SPATIAL)
+    twin = twin_of(scenario)
+    with pytest.raises(FieldError, match=r"slider_pin\[1\], slider_pin\[2\] or slider_pin\[3\]"):
+        wide_of(kind, "slider_pin", scenario.model, twin)
+    wide = wide_of(kind, "slider_pin[2]", scenario.model, twin, "-2 mm..2 mm")
+    assert (wide.centre, wide.low, wide.high) == (0.0, -2e-3, 2e-3)
+    assert wide_of(kind, "slider_inertia[1]", scenario.model, twin).centre == pytest.approx(5.3e-5)
+    campaign = identifying([], [scenario], ["slider_pin[2]"])
+    assert campaign.rig == kind.name
+    moved = kind.changed(twin.rig, scenario.model, {"slider_pin[2]": 1e-3})
+    assert moved.slider.pin == (0.0, 1e-3, 0.0)
+    assert replace(moved, slider=twin.rig.slider) == twin.rig
+    found = Identification(nothing_known([wide]), {wide.name: 0.0}, 1.0, converged=True, moved=np.zeros(1))
+    text = model_text_of(found, kind.name, ["run.mcap"], ["reference"])
+    given = text[text.index("[model]") : text.index("[[identified]]")]
+    assert parse_scenario(f"{SPATIAL}\n{given}").model == {"slider_pin[2]": 0.0}
+    whole = parse_scenario(f'{SPATIAL}\n[model]\nslider_pin = ["1 mm", 0, 0]\n"slider_pin[3]" = "2 mm"\n')
+    assert kind.built(whole.model).slider.pin == (1e-3, 0.0, 2e-3)
 
 
 def test_values_are_looked_for_ten_times_as_far_as_healthy_rigs_lie() -> None:
