@@ -31,7 +31,7 @@ def identify(
         typer.Option(
             "--frf",
             metavar="RUN.mcap",
-            help="A run that is looked at by its frequency responses alone; it need not chatter.",
+            help="A run looked at by its frequency responses alone; it need strike only now and then.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same model.")] = 0,

@@ -267,8 +267,7 @@ def read_for(
         told = ", ".join(str(each or "(none)") for each in specimens)
         raise ConfigurationError("runs", [Problem(f"notes.{SPECIMEN}", told, "runs of one rig")])
     for path, run, records in zip(data.paths, data.campaign.runs, data.records, strict=True):
-        if path not in responses:
-            _require_chatter(path, run, records)
+        _require_chatter(path, run, records, alone=path in responses)
     return data, wides, identifying(data.campaign.runs, scenarios, list(free))
 
 
@@ -278,8 +277,8 @@ def _narrow(responses: Sequence[Path], path: Path, setting: RunSetting) -> RunSe
     return replace(setting, columns=NarrowColumns(**named, alone=path in responses))
 
 
-def _require_chatter(path: Path, run: RunSetting, records: Mapping[str, Any]) -> None:
-    """A rig that hardly strikes tells nothing of what it strikes."""
+def _require_chatter(path: Path, run: RunSetting, records: Mapping[str, Any], alone: bool) -> None:
+    """A rig that hardly strikes tells nothing of what it strikes; a sine `alone` shakes no resonance."""
     rate, corner = run.columns.rate, _CHATTERS_FROM * run.columns.frequency
     passed = signal.butter(4, min(corner, 0.2 * rate), "highpass", fs=rate, output="sos")
     cycles = run.cycles_in(records)
@@ -289,7 +288,12 @@ def _require_chatter(path: Path, run: RunSetting, records: Mapping[str, Any]) ->
         noise = max(getattr(run.twin.sensors.get(name), "noise", 0.0), 1e-9)
         over = np.sqrt(np.mean(signal.sosfiltfilt(passed, records[name])[at] ** 2, axis=1))
         struck |= over > _OVER_NOISE * noise
-    if struck.mean() < _MOST_CYCLES:
+    if alone and not struck.any():
+        raise LogError(
+            f"{path}: nothing strikes in it, so that its frequency responses hold nothing but the drive; "
+            "record one that strikes now and then"
+        )
+    if not alone and struck.mean() < _MOST_CYCLES:
         raise LogError(
             f"{path}: it chatters in {struck.mean():.0%} of its cycles only, which tells too little; "
             "drive it harder (or name it by --frf, if its frequency responses are meant)"

@@ -135,13 +135,18 @@ def test_what_cannot_be_looked_for_is_told_first(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_rig_that_hardly_strikes_is_refused(call: Call, tmp_path: Path) -> None:
+def test_a_rig_that_hardly_strikes_is_refused(call: Call, run: Path, tmp_path: Path) -> None:
     wide = SCENARIO.replace('frequency = "20 Hz"', 'frequency = "20 Hz"\namplitude = "0.2 N"')
     scenario = f'{wide}\n[model]\nclearance = "10 mm"\n'
     quiet = record(tmp_path / "quiet.mcap", 1, scenario)
     answer = call("identify", quiet, "--free", "contact_stiffness", "-o", tmp_path / "model.toml")
     assert answer.code == 1
     assert "it chatters in 0% of its cycles" in answer.err
+    alone = call(
+        "identify", run, "--frf", quiet, "--free", "contact_stiffness", "-o", tmp_path / "model.toml"
+    )
+    assert alone.code == 1
+    assert "nothing strikes in it" in alone.err
 
 
 def test_runs_of_two_specimens_are_refused(call: Call, run: Path, tmp_path: Path) -> None:
