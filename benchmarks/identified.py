@@ -32,7 +32,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.blind.cases import answer_of
-from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, EffectEntry
+from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, SPATIAL, EffectEntry
 from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y
 from benchmarks.blind.engines import engine_of
 from benchmarks.blind.intervals import wilson
@@ -61,7 +61,13 @@ FREE: Final = {
             for what in ("frequency", "damping")
         ),
     ),
+    SPATIAL: (
+        "crank_radius", "rod_modulus", "rod_density", "rod_length", "rod_diameter", "slider_mass",
+        "socket_clearance", "guide_clearance", "socket_stiffness", "guide_stiffness", "socket_damping",
+        "guide_damping", "friction", "modal_damping",
+    ),
 }  # fmt: skip
+_SEEDS: Final = {rig: number for number, rig in enumerate(FREE)}
 RUNS, BUDGET_S = 2, {"rigs": 3600.0, "effects": 60.0}
 LEARN, WIDER, HEALTHY, LONGEST_S = 5, 2.0, 48, 20.0
 FARTHEST: Final = 3.0
@@ -135,12 +141,37 @@ def crank_of(values: Mapping[str, float], crank: Any) -> Any:
     return replace(crank, **{key: values[key] for key in plain}, clearances=gaps, frames=frames)
 
 
-BUILT: Final[Mapping[str, Callable[[Mapping[str, float], Any], Any]]] = {BEAM: beam_of, CRANK: crank_of}
+def spatial_of(values: Mapping[str, float], rig: Any) -> Any:
+    """The truth's spatial crank with the values of keys of [model]."""
+    rod, joints = rig.rod, {}
+    ratios = np.array(rod.damping) / np.mean(rod.damping) * values["modal_damping"]
+    sizes = {name: values[f"rod_{name}"] for name in ("modulus", "density", "length", "diameter")}
+    for name in ("socket", "guide"):
+        given = {what: values[f"{name}_{what}"] for what in ("stiffness", "damping")}
+        joints |= {
+            name: replace(getattr(rig, name), **given),
+            f"{name}_clearance": values[f"{name}_clearance"],
+        }
+    return replace(
+        rig,
+        crank_radius=values["crank_radius"],
+        rod=replace(rod, damping=tuple(ratios.tolist()), **sizes),
+        slider=replace(rig.slider, mass=values["slider_mass"]),
+        friction=replace(rig.friction, coefficient=values["friction"]),
+        **joints,
+    )
+
+
+BUILT: Final[Mapping[str, Callable[[Mapping[str, float], Any], Any]]] = {
+    BEAM: beam_of,
+    CRANK: crank_of,
+    SPATIAL: spatial_of,
+}
 
 
 def points_of(rig: str, runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
     first, *others = points(rig, runs, rng)
-    gaps = {key: value for key, value in first.items() if key.startswith("clearance")}
+    gaps = {key: value for key, value in first.items() if "clearance" in key}
     return (first, *({**each, **gaps} for each in others))
 
 
@@ -199,7 +230,7 @@ def identify_rig(case: Case, rig: str, number: int, seed: int, budget_s: float) 
     """Draw, record and identify one rig."""
     folder = case.folder
     spent = folder / "spent.json"
-    rng = np.random.default_rng([seed, number, rig == CRANK])
+    rng = np.random.default_rng([seed, number, _SEEDS[rig]])
     points = points_of(rig, RUNS, rng)
     values = drawn_values(rig, points[0], rng)
     built = partial(BUILT[rig], values)
@@ -239,10 +270,10 @@ def diagnose_effect(case: Case, rig: str, number: int, seed: int, budget_s: floa
     folder.mkdir(parents=True, exist_ok=True)
     truth, model = of_rig["truth"], folder / "model.toml"
     model.write_text(of_rig["model"])
-    rng = np.random.default_rng([seed, number, rig == CRANK, 1])
+    rng = np.random.default_rng([seed, number, _SEEDS[rig], 1])
     causes = list(CATALOGUE[rig].values())
     entry = causes[number % len(causes)].draw(rng)
-    points = points_of(rig, RUNS, np.random.default_rng([seed, number, rig == CRANK]))
+    points = points_of(rig, RUNS, np.random.default_rng([seed, number, _SEEDS[rig]]))
     found: dict[str, Any] = {"rig": rig, "effect": entry}
     own: Callable[[Any], Any] = partial(BUILT[rig], truth)
     for name, built, more in (("identified", own, ("--model", model)), ("nominal", _as_it_is, ())):
@@ -265,7 +296,7 @@ def _as_it_is(rig: Any) -> Any:
 
 def judge_healthy(folder: Path, results: Path, rig: str, count: int, seed: int, more: int) -> int:
     """Rigs of tolerances twice as wide: five to learn from, at most `more` that are judged (how many)."""
-    point = points_of(rig, 1, np.random.default_rng([seed, rig == CRANK, 2]))
+    point = points_of(rig, 1, np.random.default_rng([seed, _SEEDS[rig], 2]))
     learn = [
         path
         for number in range(LEARN)
@@ -301,7 +332,7 @@ def judge_healthy(folder: Path, results: Path, rig: str, count: int, seed: int, 
 def score(results: Path) -> bool:
     """Print what the rigs' results come to; whether every figure that there is meets its bar."""
     met, called_off, judged = True, 0, 0
-    for rig in (BEAM, CRANK):
+    for rig in FREE:
         met &= _score_values(rig, _results(results, "rigs", rig))
         effects = _results(results, "effects", rig)
         right = {name: sum(each[name]["right"] for each in effects) for name in ("identified", "nominal")}
@@ -361,11 +392,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--count", type=int, help="rigs a kind; without it as many as the figures want")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=(BEAM, CRANK))
+    parser.add_argument("--only", choices=FREE)
     parser.add_argument("--more", type=int, default=1000, help="do at most so many")
     parser.add_argument("--budget", type=float, help="seconds of each search or diagnosis")
     asked = parser.parse_args(arguments)
-    rigs = (asked.only,) if asked.only else (BEAM, CRANK)
+    rigs = (asked.only,) if asked.only else tuple(FREE)
     count = asked.count or _COUNTS[asked.step]
     if asked.step == "healthy":
         more = asked.more
