@@ -18,8 +18,8 @@ from drivers.protocols.card import AcquisitionCard, CardReading
 from rig.session.interlock import LimitWatch, Passed
 from rig.stream import Block, Stream
 
-BLOCK_S = 0.075  # a limit is seen within a reading and off within 0.15 s; a call's cost is small against it
-_READINGS = 2  # to a block of the record: whoever takes one pays for each, be it as long as it will
+READING_S = 0.075  # a limit is seen within a reading and off within 0.15 s; a call's cost is small against it
+READINGS = 2  # to a block of the record: whoever takes one pays for each, be it as long as it will
 _TAKES_S, _READS_S = 0.6, 0.8
 """What comes to a reading; a block and the card's own margins (0.675 s), whose word says more. Whoever needs
 longer watches no limit."""
@@ -69,7 +69,7 @@ class Acquisition:
             *readers,
         )
         self.name, self._names = card.name, [channel.name for channel in card.channels]
-        self._count = max(1, round(BLOCK_S * card.sample_rate))
+        self._count = max(1, round(READING_S * card.sample_rate))
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._stop = threading.Event()
         self._raised = dict.fromkeys(self._names, Flag.GOOD)
@@ -212,7 +212,7 @@ class Acquisition:
                     begun = float(row[0]) if np.isfinite(row[0]) else 0.0
                     self.turned_off[name] = math.tau * math.floor(begun / math.tau)
         self._held.append(part)
-        if len(self._held) == _READINGS or reading.first_sample + high == until:
+        if len(self._held) == READINGS or reading.first_sample + high == until:
             self._hand_on()
 
     def _hand_on(self) -> None:

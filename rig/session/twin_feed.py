@@ -8,7 +8,7 @@ import numpy as np
 
 from daq.block import as_logged
 from drivers.protocols.card import CardReading
-from rig.session.acquisition import Acquisition
+from rig.session.acquisition import READINGS, Acquisition
 from rig.stream import Block, Consumer, Shape
 from rig.twin.alignment import Alignment, nothing_tells, reference_among
 from rig.twin.worker import Drive, Predict, RecordedSpan
@@ -42,6 +42,7 @@ class TwinFeed:
         self._look_at, self._channels = look_at, twin.model.channels
         self._reference = reference_among(self._channels, names).channel
         self._last = self._ends = False
+        self._told = 0  # samples of the record that the twin has been told of
         task = Predict(twin, self._reference, sample_rate, settle_s)
         self.worker = WorkerProcess("twin", task, self._deliver, crew=crew)
         self.feed_from: int | None = None
@@ -62,6 +63,9 @@ class TwinFeed:
             self._last = end == until
             if end == begin and not self._last:
                 return  # it begins with the next reading: until then nobody knows what turns it leaves out
+            if end - begin < self._told + READINGS * reading.values.shape[1] and not self._last:
+                return  # what it predicts comes in blocks as long as what is measured
+            self._told = end - begin
             turned_off = acquisition.turned_off.get(self._reference, 0.0)
             start_ns = acquisition.record_start_ns
             self.worker.give(RecordedSpan(begin, end - begin, start_ns, self._last, turned_off))

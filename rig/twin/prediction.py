@@ -20,7 +20,8 @@ from sim_twin.twin import AnyTwin
 _LEAST_SETTLE_S = 1.0
 _DROOP_TIMES = 5.0
 """Time constants after which a charge amplifier is in steady state to under a percent."""
-BLOCK_S = 0.1
+BLOCK_S = 0.2
+"""At most; of a run, what has been measured meanwhile."""
 _GOLDEN = (5**0.5 - 1) / 2
 """Steps of so many cycles come to every phase evenly, however few they are."""
 
@@ -44,7 +45,7 @@ def skip(stream: TwinStream, count: int) -> None:
 def blocks_of(
     stream: TwinStream | AlignedTwin, first_sample: int, end_sample: int, start_ns: int
 ) -> Iterator[SampleBlock]:
-    """Blocks of at most 0.1 s of every channel from where `stream` is; `start_ns` is the time of sample 0."""
+    """Blocks of at most 0.2 s of every channel from where `stream` is; `start_ns` is the time of sample 0."""
     most = max(1, round(BLOCK_S * stream.sample_rate))
     for first in range(first_sample, end_sample, most):
         values = stream.advance(min(most, end_sample - first))

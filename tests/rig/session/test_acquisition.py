@@ -16,13 +16,13 @@ from daq.clock import SystemClock
 from daq.errors import InstrumentSilent
 from drivers.protocols.card import CardReading, Finding
 from rig.files.scenario import Limit
-from rig.session.acquisition import BLOCK_S, Acquisition, AcquisitionFault, Reader
+from rig.session.acquisition import READING_S, Acquisition, AcquisitionFault, Reader
 from rig.session.interlock import LimitWatch
 from rig.stream import Block, Stream
 from tests.rig.session.fakes import RATE, Kept, SteppedCard
 
 CHANNELS = (Channel("a", "N"), Channel("b", "N"))
-COUNT = round(BLOCK_S * RATE)
+COUNT = round(READING_S * RATE)
 
 
 def acquisition(

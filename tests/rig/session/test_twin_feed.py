@@ -71,24 +71,25 @@ class Followed:
 def test_a_record_that_begins_with_the_next_reading_is_not_told_of_yet() -> None:
     """Set while a reading is passed on, it has left out no turns so far; and it is aligned to only once."""
     run = Followed()
-    run.record.record_from, run.record.record_until = BLOCK, 3 * BLOCK
+    run.record.record_from, run.record.record_until = BLOCK, 4 * BLOCK
     run.read()
     assert run.told == []
     run.record.turned_off["crank.angle"] = TURNS
     run.read()
     run.read()
     run.read()
-    assert run.told == [(BLOCK, False, TURNS), (2 * BLOCK, True, TURNS)]
+    assert run.told == [(2 * BLOCK, False, TURNS), (3 * BLOCK, True, TURNS)]  # two readings are a block
 
 
 def test_a_drive_that_stops_ends_the_record_that_is_followed_before_the_next_reading() -> None:
     run = Followed()
     run.record.record_from, run.record.record_until = 0, 10 * BLOCK
-    run.read()
+    for _ in range(3):
+        run.read()
     run.feed.end()
     run.read()
     run.read()
-    assert run.told == [(BLOCK, False, 0.0), (BLOCK, True, 0.0)]
+    assert run.told == [(2 * BLOCK, False, 0.0), (3 * BLOCK, True, 0.0)]
 
 
 @pytest.mark.parametrize("named", [True, False])

@@ -33,13 +33,13 @@ def test_samples_do_not_depend_on_the_sizes_they_are_asked_in(onset: float | Non
 
 def test_blocks_count_from_sample_0_and_stop_where_asked() -> None:
     twin = aligned()
-    first = list(twin.blocks(7000, START_NS))
-    later = list(twin.blocks(9000, START_NS))
+    first = list(twin.blocks(14_000, START_NS))
+    later = list(twin.blocks(16_000, START_NS))
     upper = [block for block in first + later if block.channel == "contact.force_upper"]
     assert [(block.first_sample, block.end_sample) for block in upper] == [
-        (0, 5120),
-        (5120, 7000),
-        (7000, 9000),
+        (0, 10_240),
+        (10_240, 14_000),
+        (14_000, 16_000),
     ]
     assert [block.time_ns for block in upper] == [
         sample_time_ns(START_NS, block.first_sample, RATE) for block in upper
