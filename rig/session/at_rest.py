@@ -191,7 +191,7 @@ class Shaft:
             edges = self._edges.find(volts)
             high = volts > (LOW_V + HIGH_V) / 2
             if moved:
-                self._shown += np.count_nonzero(high), count
+                self._shown += int(np.count_nonzero(high)), count
             elif not self._angles:
                 self._share(high, edges.position - first)
             self._marks += (edges.position / self._rate).tolist()
@@ -206,7 +206,7 @@ class Shaft:
                 self._shown += self._since_mark
                 self._since_mark = np.zeros(2)
             if number or self._marks:
-                self._since_mark += np.count_nonzero(part), len(part)
+                self._since_mark += int(np.count_nonzero(part)), len(part)
 
     def beside(self, name: str, times_s: Array, angle_rad: Array) -> None:
         """What an encoder on a bus has shown of late, on the card's time; it replaces what was there."""
