@@ -143,7 +143,7 @@ def crank_of(values: Mapping[str, float], crank: Any) -> Any:
 
 def spatial_of(values: Mapping[str, float], rig: Any) -> Any:
     """The truth's spatial crank with the values of keys of [model]."""
-    rod, joints = rig.rod, {}
+    rod, joints = rig.rod, dict[str, Any]()
     ratios = np.array(rod.damping) / np.mean(rod.damping) * values["modal_damping"]
     sizes = {name: values[f"rod_{name}"] for name in ("modulus", "density", "length", "diameter")}
     for name in ("socket", "guide"):

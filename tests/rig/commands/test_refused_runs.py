@@ -78,7 +78,7 @@ def test_a_folder_on_a_disk_that_takes_nothing_is_refused(call: Call) -> None:
         (("--set", "drve.frequency=21 Hz"), "did you mean drive?"),
         (("--set", "drive=21"), "drive = 21: "),
         (("--set", "drive.frequency=21 N"), 'drive.frequency = "21 N": '),
-        (("--set", "limits.contact.force_uper.abort=9 N"), 'did you mean limits."contact.force_upper"?'),
+        (("--set", "limits.contact.force_uper.abort=9 N"), "did you mean contact.force_upper?"),
         (("--set", "drive.frequency"), "--set drive.frequency: KEY=VALUE"),
         (("--set", "=21 Hz"), "--set =21 Hz: KEY=VALUE"),
         (

@@ -47,7 +47,7 @@ def test_it_is_the_scenario_with_nothing_said_of_the_rig(rig: str) -> None:
 @RIG
 def test_every_key_stands_in_it_once_and_says_where_its_value_is_from(rig: str) -> None:
     kind, text = RIGS[rig], whole_scenario(RIGS[rig])
-    for key in (*kind.model, *settings_of(kind.drive)):
+    for key in (*kind.keys, *settings_of(kind.drive)):
         (line,) = re.findall(rf"^(?:# )?{key} = .*$", text, re.MULTILINE)
         said = line.rpartition("# ")[2]
         assert said.count("; ") >= 1
