@@ -157,8 +157,8 @@ class CardChannel:
 
     `in_stinger` says of a drive's force whether a gauge between shaker and rig shows it, or it is the coil's.
     `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` the sensor's own as it is mounted; by
-    `delay` (s) an input shows later than a counter what happens. One that is `inverted` gives below zero what
-    the rig calls positive, and is turned round where it is read.
+    `delay` (s, or samples) an input shows later than a counter what happens. One that is `inverted` gives
+    below zero what the rig calls positive, and is turned round where it is read.
     """
 
     name: Annotated[str, Text("a channel of the rig", r"[a-z0-9_.]+")]

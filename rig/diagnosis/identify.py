@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -48,6 +48,7 @@ from sim_twin.diagnosis.gap import gap_measure
 from sim_twin.diagnosis.identification import (
     MOST_ROUNDS,
     Known,
+    Round,
     Wide,
     after_one_more,
     draws_of,
@@ -313,6 +314,22 @@ def require_moves(wides: Sequence[Wide], campaign: Identifying, simulate: Execut
     faults.raise_if_any()
 
 
+def last_of(rounds: Iterable[Round], screen: Screen) -> Round:
+    """The last of at least one round; each is told of, and what by then is told together only."""
+    told = set[tuple[str, str]]()
+    for number, each in enumerate(rounds, 1):
+        wides, far = each.known.wides, int(np.argmax(each.moved))
+        screen.say(
+            f"round {number}: {each.rigs} rigs, {sum(each.known.told())} of {len(wides)} values told; "
+            f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
+        )
+        for pair in each.known.together():
+            if pair not in told:
+                screen.warn(TOGETHER.format(*pair))
+                told.add(pair)
+    return each
+
+
 def identify(
     data: RecordedCampaign,
     wides: Sequence[Wide],
@@ -344,23 +361,11 @@ def identify(
 
         simulate = kept(campaign)
         require_moves(wides, campaign, simulate)
-        known, converged, moved = nothing_known(wides), False, np.zeros(len(wides))
-        told_together = set[tuple[str, str]]()
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
-            rounds = fitted_rounds(
-                campaign, wides, data.measured, simulate, np.random.default_rng(seed), data.told
-            )
+            rng = np.random.default_rng(seed)
+            rounds = fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told)
             try:
-                for number, each in enumerate(rounds, 1):
-                    known, converged, moved = each.known, each.converged, each.moved
-                    far = int(np.argmax(each.moved))
-                    screen.say(
-                        f"round {number}: {each.rigs} rigs, {sum(known.told())} of {len(wides)} values told; "
-                        f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
-                    )
-                    for pair in set(known.together()) - told_together:
-                        screen.warn(TOGETHER.format(*pair))
-                        told_together.add(pair)
+                found = last_of(rounds, screen)
             except SimulationFailed:
                 if not simulate.cut_short:
                     raise
@@ -369,6 +374,7 @@ def identify(
                 "time ran out before the values stood still: nothing was written. What was simulated is kept "
                 f"in {folder}; the same command with a larger --budget goes on there"
             )
+        known = found.known
         if not any(known.told()):
             raise RattleError(
                 f"these runs tell none of {listed([wide.name for wide in wides])}: nothing was written. Free "
@@ -394,7 +400,7 @@ def identify(
                 "something else is missing or wrong: nothing was written. rattle diagnose may tell what"
             )
         more = _next_run(data, scenarios, known, kept, np.random.default_rng([seed, 1]))
-    return Identification(known, was, gap, converged, moved, more)
+    return Identification(known, was, gap, found.converged, found.moved, more)
 
 
 def _with_best(plain: RecordedCampaign, scenarios: Sequence[Scenario], best: Mapping[str, float]) -> Campaign:

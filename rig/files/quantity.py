@@ -52,8 +52,9 @@ class QuantityError(ValueError):
 
 def written(value: object) -> tuple[float, str]:
     """Number and unit of a quantity as it stands in a file; raises QuantityError where it is none."""
-    match = _QUANTITY.fullmatch(str(value).rstrip())
-    if match is None or len(str(value)) > _LONGEST:
+    text = str(value)
+    match = None if len(text) > _LONGEST else _QUANTITY.fullmatch(text.rstrip())
+    if match is None:
         raise QuantityError("not a number with a unit")
     return float(match[1]), match[2]
 

@@ -44,8 +44,8 @@ class Acquisition:
 
     The card's sample clock is the time base, `base`. Whoever waits for progress waits on `changed`, a
     condition that every block notifies. The first error of its thread ends it and stands in `error`.
-    A reading goes to the limits first, then to `guard`, then to the record, which is handed to `stream`, then
-    to `readers`.
+    A reading goes to the limits first, then to `guard`, then to the record, which is handed to `stream` in
+    blocks of two readings with the same flags, then to `readers`.
     `warn` hears of the first warning of each channel, and must not wait; the events tell of all.
     """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +17,7 @@ from rig.diagnosis.identify import (
     Identification,
     Kept,
     identifying,
+    last_of,
     model_text_of,
     read_for,
     require_moves,
@@ -31,7 +33,7 @@ from rig.session.progress import Screen, Terminal
 from rig.twin.logged import with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis import identification
-from sim_twin.diagnosis.identification import nothing_known
+from sim_twin.diagnosis.identification import Round, nothing_known
 from sim_twin.diagnosis.subject import Draw, Observed
 from tests.rig.commands.cli import Call
 from tests.rig.commands.test_calibrate import RATE, SCENARIO, SECONDS, write
@@ -268,6 +270,19 @@ def test_a_model_file_gives_the_values(tmp_path: Path) -> None:
     twin = with_model(twin_of(other), model, other, told.append)
     assert twin.rig.contact_stiffness == 1e7
     assert told == ["not as the runs of the model had it, so the scenario's value holds: contact_stiffness"]
+
+
+def test_what_is_told_together_only_is_said_once_and_by_the_first_round_that_shows_it() -> None:
+    kind, scenario = RIGS["impact_beam"], parse_scenario(SCENARIO)
+    keys = ("contact_stiffness", "beam_modulus")
+    known = nothing_known([wide_of(kind, key, scenario.model, twin_of(scenario)) for key in keys])
+    alike = replace(known, covariance=np.array([[1.0, 0.95], [0.95, 1.0]]))
+    said = io.StringIO()
+    rounds = [Round(9, each, np.array([0.1, 0.2]), converged=False) for each in (known, alike, alike)]
+    assert last_of(rounds, Screen(Terminal(file=said, width=200))) is rounds[-1]
+    lines = [line for line in said.getvalue().splitlines() if line.strip()]
+    assert [line.startswith("round") for line in lines] == [True, True, False, True]
+    assert "beam_modulus and contact_stiffness are told together only" in lines[2]
 
 
 def test_values_that_still_moved_are_said_to_and_have_wider_intervals() -> None:
