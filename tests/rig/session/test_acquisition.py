@@ -148,6 +148,27 @@ def test_a_card_that_fails_ends_it_with_the_cards_own_words() -> None:
     assert isinstance(acquiring.error, InstrumentSilent)
 
 
+def test_a_reading_that_waited_for_a_second_one_is_recorded_where_the_card_fails_before() -> None:
+    class FailingCard(SteppedCard):
+        def read(self, count: int) -> CardReading:
+            reading = super().read(count)
+            if self._block > 2:
+                raise InstrumentSilent("card", "fake", "no answer")
+            return reading
+
+    card, kept = FailingCard(CHANNELS), Kept()
+    with acquisition(card, kept) as acquiring:
+        advance(acquiring, card, 1)
+        acquiring.start_record(10 * COUNT)
+        advance(acquiring, card, 1)
+        assert not kept.blocks("a")
+        card.let()
+        with acquiring.changed:
+            assert acquiring.changed.wait_for(lambda: acquiring.error, 10)
+    for name in ("a", "b"):
+        assert [(block.first_sample, len(block)) for block in kept.blocks(name)] == [(0, COUNT)]
+
+
 def test_a_fault_in_a_consumer_is_an_error_of_the_acquisition(capfd: pytest.CaptureFixture[str]) -> None:
     card, kept = SteppedCard(CHANNELS), Kept(fails_on=Block)
     with acquisition(card, kept) as acquiring:
