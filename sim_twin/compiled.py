@@ -15,6 +15,9 @@ from typing import Any, ParamSpec, TypeVar, cast
 from numba import njit
 from numba.core import config
 from numba.core.caching import InTreeCacheLocator, UserProvidedCacheLocator, UserWideCacheLocator
+from numba.extending import overload
+
+from sim_twin.vector import VECTOR
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -130,3 +133,14 @@ def generic(function: Callable[P, T]) -> Callable[P, T]:
     Not cached itself: what a rig compiles with its own functions is.
     """
     return cast(Callable[P, T], njit(**_UNCHECKED, forceinline=True)(function))
+
+
+def written_twice(numbers: Callable[P, T], vectors: Callable[..., Any]) -> Callable[P, T]:
+    """A piece of a mechanical kernel that takes another way where it is given vectors."""
+
+    def piece(*given: Any) -> Any:
+        raise TypeError("only for kernels")
+
+    options: Any = _UNCHECKED
+    overload(piece, jit_options=options, strict=False)(lambda *given: vectors if VECTOR in given else numbers)
+    return cast(Callable[P, T], piece)

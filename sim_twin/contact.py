@@ -12,7 +12,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from sim_twin.compiled import inlined
+from sim_twin.compiled import inlined, written_twice
+from sim_twin.vector import Vector, root, signed, where_positive
+
+_LEAST_RAMP = 1e-300
 
 
 class ContactLaw(NamedTuple):
@@ -47,32 +50,33 @@ def lankarani_nikravesh(stiffness: float, restitution: float) -> ContactLaw:
     return ContactLaw(stiffness, 1.5, 0.75 * (1.0 - restitution**2), 0.0)
 
 
-@inlined
-def elastic_force(law: ContactLaw, d: float) -> float:
-    """K d^n in N; zero without penetration."""
-    if d <= 0.0:
-        return 0.0
-    if law.exponent == 1.5:
-        return law.stiffness * d * sqrt(d)
-    if law.exponent == 1.0:
-        return law.stiffness * d
-    return float(law.stiffness * d**law.exponent)
+def _power(d: float, exponent: float) -> float:
+    if exponent == 1.5:
+        return d * sqrt(d)
+    return d if exponent == 1.0 else float(d**exponent)
+
+
+def _powers(d: Vector, exponent: Vector) -> Vector:  # 1 and 1.5 are all there is
+    return where_positive(exponent - 1.25, d * root(d), d)
+
+
+_to_the_power = written_twice(_power, _powers)
 
 
 @inlined
-def normal_force(law: ContactLaw, d: float, rate: float, v0: float) -> float:
-    """Normal force in N at penetration `d` m, its `rate` m/s, after an approach at `v0` > 0 m/s."""
-    if d <= 0.0:
-        return 0.0
-    return max(0.0, elastic_force(law, d) * (1.0 + (law.hysteresis / v0) * rate) + law.damping * rate)
+def contact_forces(law: ContactLaw, d: float, rate: float, v0: float) -> tuple[float, float]:
+    """Normal force in N, and K d^n alone, at penetration `d` m, its `rate` m/s, approached at `v0` m/s.
+
+    Both are zero without penetration and where `v0` is 0: the contact is open.
+    """
+    elastic = law.stiffness * _to_the_power(max(d, 0.0), law.exponent)
+    force = max(0.0, elastic * (1.0 + (law.hysteresis / v0) * rate) + law.damping * rate)
+    touching = where_positive(d, v0, 0.0)
+    return where_positive(touching, force, 0.0), where_positive(touching, elastic, 0.0)
 
 
 @inlined
 def friction_share(friction: Friction, v: float) -> float:
     """Friction force over normal force, against the sliding velocity `v` in m/s (seed 001 eq. 12-13)."""
-    speed, share = abs(v), friction.coefficient
-    if speed <= friction.v_0:
-        return 0.0
-    if speed < friction.v_1:
-        share *= (speed - friction.v_0) / (friction.v_1 - friction.v_0)
-    return -share if v > 0.0 else share
+    ramp = (abs(v) - friction.v_0) / max(friction.v_1 - friction.v_0, _LEAST_RAMP)
+    return float(-signed(friction.coefficient * min(max(ramp, 0.0), 1.0), v))

@@ -7,6 +7,7 @@ its neighbours; `fused` rounds once.
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable
 from typing import Any, TypeAlias, cast
@@ -14,8 +15,9 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
+from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, models, register_model
+from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
 from numpy.typing import NDArray
 
 LANES = 8
@@ -24,10 +26,16 @@ _FORM = ir.VectorType(ir.DoubleType(), LANES)
 
 
 class VectorType(types.Type):
-    """numba's type of eight float64."""
+    """numba's type of eight float64; where one is wanted, a number stands for eight of itself."""
 
     def __init__(self) -> None:
         super().__init__(name="vector")
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
+        return Conversion.safe if isinstance(other, types.Number) else None
+
+    def unify(self, typingctx: Any, other: Any) -> Any:
+        return self if isinstance(other, types.Number) else None
 
 
 VECTOR = VectorType()
@@ -41,25 +49,55 @@ class _Model(models.PrimitiveModel):
         super().__init__(manager, of, _FORM)  # type: ignore[no-untyped-call]
 
 
-def _add_operator(operation: Callable[[Any, Any], Any], instruction: str) -> None:
+def _add_operator(
+    operation: Callable[..., Any], arity: int, instruction: Callable[..., Any], also: Any = None
+) -> None:
+    """Give what is written in kernels a meaning for vectors, and for vectors with numbers."""
+    taken = [VECTOR] * arity
+
     class Typing(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
-            return signature(VECTOR, *args) if args == (VECTOR, VECTOR) else None
+            known = all(one == VECTOR or isinstance(one, types.Number) for one in args)
+            return signature(VECTOR, *taken) if VECTOR in args and known and len(args) == arity else None
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return getattr(builder, instruction)(*args)
+        return instruction(builder, *args)
 
-    infer_global(operation)(Typing)
-    lower_builtin(operation, VECTOR, VECTOR)(lower)
+    for each in (operation,) if also is None else (operation, also):
+        infer_global(each)(Typing)
+        lower_builtin(each, *taken)(lower)
 
 
-for _operation, _instruction in (
-    (operator.add, "fadd"),
-    (operator.sub, "fsub"),
-    (operator.mul, "fmul"),
-    (operator.truediv, "fdiv"),
-):
-    _add_operator(_operation, _instruction)
+def _called(name: str) -> Callable[..., Any]:
+    """An elementwise function of LLVM."""
+
+    def call(builder: Any, *args: Any) -> Any:
+        kind = ir.FunctionType(_FORM, [_FORM] * len(args))
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
+        return builder.call(function, args)
+
+    return call
+
+
+def _greater(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(builder.fcmp_ordered(">", a, b), a, b)
+
+
+def _less(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(builder.fcmp_ordered("<", a, b), a, b)
+
+
+_add_operator(operator.add, 2, lambda builder, a, b: builder.fadd(a, b), operator.iadd)
+_add_operator(operator.sub, 2, lambda builder, a, b: builder.fsub(a, b), operator.isub)
+_add_operator(operator.mul, 2, lambda builder, a, b: builder.fmul(a, b), operator.imul)
+_add_operator(operator.truediv, 2, lambda builder, a, b: builder.fdiv(a, b), operator.itruediv)
+_add_operator(operator.neg, 1, lambda builder, a: builder.fneg(a))
+_add_operator(float, 1, lambda builder, a: a)
+_add_operator(abs, 1, _called("fabs"))
+_add_operator(math.sqrt, 1, _called("sqrt"))
+_add_operator(math.floor, 1, _called("floor"))
+_add_operator(max, 2, _greater)
+_add_operator(min, 2, _less)
 
 
 def aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -127,13 +165,19 @@ def _in_all_lanes(builder: Any, number: Any) -> Any:
     return builder.shuffle_vector(one, ir.Constant(_FORM, ir.Undefined), zeros)
 
 
+def _number_as_vector(context: Any, builder: Any, given: Any, wanted: Any, number: Any) -> Any:
+    return _in_all_lanes(builder, context.cast(builder, number, given, types.float64))
+
+
+for _given in (types.Float, types.Integer):
+    lower_cast(_given, VectorType)(_number_as_vector)
+
+
 def _function(name: str, arguments: int) -> Any:
     """An elementwise function of LLVM."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        kind = ir.FunctionType(_FORM, [_FORM] * arguments)
-        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
-        return builder.call(function, args)
+        return _called(name)(builder, *args)
 
     return VECTOR(*[VECTOR] * arguments), generate
 
@@ -156,21 +200,50 @@ def magnitude(typing: Any, a: Any) -> Any:
     return _function("fabs", 1)
 
 
+def _kind(*given: Any) -> Any:
+    """What comes of numbers and vectors: a vector where there is one."""
+    return VECTOR if VECTOR in given else types.float64
+
+
 @_emitted
 def signed(typing: Any, a: Any, b: Any) -> Any:
-    """The magnitude of a with the sign of b."""
-    return _function("copysign", 2)
+    """The magnitude of a with the sign of b; of numbers too."""
+    kind = _kind(a, b)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        form = context.get_value_type(kind)
+        of = "v8f64" if kind == VECTOR else "f64"
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(form, [form] * 2), f"llvm.copysign.{of}"
+        )
+        return builder.call(function, args)
+
+    return kind(kind, kind), generate
 
 
 @_emitted
 def where_positive(typing: Any, test: Any, a: Any, b: Any) -> Any:
-    """Lanes of a where `test` > 0, else of b."""
+    """Lanes of a where `test` > 0, else of b; of numbers too."""
+    kind = _kind(test, a, b)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        mask = builder.fcmp_ordered(">", args[0], ir.Constant(_FORM, [0.0] * LANES))
-        return builder.select(mask, args[1], args[2])
+        zero = context.get_constant_null(types.float64) if kind != VECTOR else ir.Constant(_FORM, None)
+        return builder.select(builder.fcmp_ordered(">", args[0], zero), args[1], args[2])
 
-    return VECTOR(VECTOR, VECTOR, VECTOR), generate
+    return kind(kind, kind, kind), generate
+
+
+@_emitted
+def touches(typing: Any, a: Any) -> Any:
+    """Whether a is positive, in any lane."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        if a != VECTOR:
+            return builder.fcmp_ordered(">", args[0], ir.Constant(args[0].type, 0.0))
+        mask = builder.fcmp_ordered(">", args[0], ir.Constant(_FORM, None))
+        return builder.icmp_unsigned("!=", builder.bitcast(mask, ir.IntType(LANES)), ir.IntType(LANES)(0))
+
+    return types.boolean(a), generate
 
 
 @_emitted

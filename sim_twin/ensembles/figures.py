@@ -29,9 +29,10 @@ class Figures:
     def observe(self, variants: Sequence[Variant]) -> list[Outcome[RunFigures]]:
         """Figures of some runs of one rig."""
         model = variants[0].twin.model
-        if model.side_by_side is not None:
+        figures = None if model.side_by_side is None else model.side_by_side.figures
+        if figures is not None:
             twins, phases = [each.twin for each in variants], [each.phase for each in variants]
-            together = model.side_by_side.figures(twins, phases, self.settle, self.duration)
+            together = figures(twins, phases, self.settle, self.duration)
             return [_outcome(each) for each in together]
         found: list[Outcome[RunFigures]] = []
         for variant in variants:

@@ -6,7 +6,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from sim_twin.compiled import inlined
-from sim_twin.contact import ContactLaw, Friction, elastic_force, friction_share, normal_force
+from sim_twin.contact import ContactLaw, Friction, contact_forces, friction_share
 
 
 class RevoluteClearance(NamedTuple):
@@ -33,14 +33,15 @@ class RevoluteForce(NamedTuple):
     lost: float
 
 
-NO_FORCE = RevoluteForce(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_CENTRED = 1e-15
+"""m; a journal nearer to the centre than that is in it."""
 
 
 @inlined
 def revolute_depth(clearance: float, ex: float, ey: float, vx: float, vy: float) -> tuple[float, float]:
     """Penetration in m and its rate in m/s, from where the journal's centre is in the bearing (eq. 1-2)."""
     e = sqrt(ex * ex + ey * ey)
-    return e - clearance, (ex * vx + ey * vy) / e if e > 0.0 else 0.0
+    return e - clearance, (ex * vx + ey * vy) / max(e, _CENTRED)
 
 
 @inlined
@@ -55,17 +56,15 @@ def revolute_force(
     """
     e = sqrt(ex * ex + ey * ey)
     d = e - joint.clearance
-    if d <= 0.0:
-        return NO_FORCE
-    inverse = 1.0 / e
+    inverse = 1.0 / max(e, _CENTRED)
     nx, ny = ex * inverse, ey * inverse
     rate = nx * vx + ny * vy
     bearing_arm = joint.journal_radius + joint.clearance
     journal_arm = joint.journal_radius - d
     v = nx * vy - ny * vx + spin_j * journal_arm - spin_b * bearing_arm
-    normal = normal_force(joint.law, d, rate, v0)
+    normal, elastic = contact_forces(joint.law, d, rate, v0)
     tangential = -friction_share(joint.friction, v) * normal
-    lost = (normal - elastic_force(joint.law, d)) * rate + tangential * v
+    lost = (normal - elastic) * rate + tangential * v
     return RevoluteForce(
         normal * nx - tangential * ny,
         normal * ny + tangential * nx,

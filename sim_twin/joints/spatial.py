@@ -10,6 +10,7 @@ to six touch at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from sim_twin.contact import ContactLaw, Friction, friction_share
 from sim_twin.joints.vectors import Vector, dot, norm, scaled, subtracted
 from sim_twin.ranges import require
 
-_CENTRED = 1e-15
+_CENTRED, _STILL = 1e-15, 1e-300
 Array = NDArray[np.float64]
 POINTS = 8
 
@@ -102,11 +103,8 @@ def face_side(point: int) -> float:
 def friction_force(friction: Friction, normal_force: float, axis: int, slip: Vector) -> Vector:
     """Friction on a point that slides with velocity `slip` (m/s) over a face normal to `axis` (1 or 2), N."""
     u, v = slip[0], slip[3 - axis]
-    speed = (u * u + v * v) ** 0.5
-    share = friction_share(friction, speed)
-    if share == 0.0:
-        return 0.0, 0.0, 0.0
-    along, across = share * normal_force * u / speed, share * normal_force * v / speed
+    speed = sqrt(u * u + v * v)
+    each = friction_share(friction, speed) * normal_force / max(speed, _STILL)
     if axis == 1:
-        return along, 0.0, across
-    return along, across, 0.0
+        return each * u, 0.0, each * v
+    return each * u, each * v, 0.0

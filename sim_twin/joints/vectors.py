@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from math import floor, sqrt
 
-from sim_twin.compiled import inlined
+from sim_twin.compiled import inlined, written_twice
+from sim_twin.vector import Vector as Eight
+from sim_twin.vector import where_positive
 
 Vector = tuple[float, float, float]
 Rotation = tuple[Vector, Vector, Vector]
@@ -125,9 +127,7 @@ def _series(x: float) -> tuple[float, float]:
     return x + x * z * s, 1.0 - 0.5 * z + z2 * c
 
 
-@inlined
-def sine_cosine(angle: float) -> tuple[float, float]:
-    """Sine and cosine of `angle` rad, to 5e-16 up to 1e5 rad (Taylor's series, reduced range)."""
+def _sine_cosine(angle: float) -> tuple[float, float]:
     if abs(angle) < _EIGHTH:
         return _series(angle)
     quarter = floor(angle * _TURNS + 0.5)
@@ -137,3 +137,17 @@ def sine_cosine(angle: float) -> tuple[float, float]:
     sine = -sine if (quadrant & 2) != 0 else sine
     cosine = -cosine if ((quadrant + 1) & 2) != 0 else cosine
     return sine, cosine
+
+
+def _sines_cosines(angle: Eight) -> tuple[Eight, Eight]:
+    quarter = floor(angle * _TURNS + 0.5)
+    s, c = _series((angle - quarter * _RIGHT_ANGLE) - quarter * _REST)
+    quadrant = quarter - 4.0 * floor(0.25 * quarter)
+    swapped = 0.5 - abs(abs(quadrant - 2.0) - 1.0)  # 1 and 3
+    sine, cosine = where_positive(swapped, c, s), where_positive(swapped, s, c)
+    sine = where_positive(quadrant - 1.5, -sine, sine)
+    return sine, where_positive(1.0 - abs(quadrant - 1.5), -cosine, cosine)
+
+
+sine_cosine = written_twice(_sine_cosine, _sines_cosines)
+"""Sine and cosine of an angle in rad, to 5e-16 up to 1e5 rad (Taylor's series, reduced range)."""

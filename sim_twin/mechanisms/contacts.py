@@ -12,7 +12,7 @@ from sim_twin.mechanisms.run import APPROACH, CONTACT, END, EPISODES, ONSET, PEA
 Depths = Callable[..., None]
 """depths(p, t, y, d, rate)"""
 NO_ONSET = 2.0
-_BISECTIONS, _SECANTS, _RETAKES = 12, 40, 12
+BISECTIONS, SECANTS, RETAKES = 12, 40, 12
 _LOOKS = 3
 _LOOSE, _EDGE, _NEAR = 0.2, 0.1, 0.02
 """Fractions of a step: how far outside it a stage may show a summit that is looked for; where, then, at the
@@ -31,7 +31,7 @@ def first_onset(depths: Depths, p: Any, run: Run, reach: float, t: float, h: flo
         elif _may_overlap(run, j, h):
             # bisection for the deepest point, up to the first overlap found on the way
             low, high, x, d = 0.0, 1.0, 0.5, -1.0
-            for _ in range(_BISECTIONS):
+            for _ in range(BISECTIONS):
                 x = 0.5 * (low + high)
                 d = _depth_at(depths, p, run, t, h, j, x)
                 if d > 0.0:
@@ -83,7 +83,7 @@ def _crossing(
     aim = 0.5 * reach
     low, d_low, high, d_high = 0.0, min(run.penetration[j], 0.0) - aim, x, d - aim
     side = 0
-    for _ in range(_SECANTS):
+    for _ in range(SECANTS):
         if d_high < aim:
             break
         x = low + (high - low) * d_low / (d_low - d_high)
@@ -104,7 +104,7 @@ def refine_onset(
     rates: Rates, depths: Depths, p: Any, run: Run, reach: float, t: float, h: float, longest: float
 ) -> float:
     """Take the step again up to the onset, near `h` s, until the deepest new overlap is within `reach`."""
-    for _ in range(_RETAKES):
+    for _ in range(RETAKES):
         attempt(rates, p, run, t, h)
         depths(p, t + h, run.trial, run.new_penetration, run.new_rate)
         deepest = -1

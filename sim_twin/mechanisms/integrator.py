@@ -21,7 +21,7 @@ from collections.abc import Callable
 from math import isfinite
 from typing import Any
 
-from sim_twin.compiled import generic
+from sim_twin.compiled import generic, mechanical
 from sim_twin.mechanisms.contacts import (
     Depths,
     first_onset,
@@ -51,8 +51,8 @@ from sim_twin.mechanisms.run import (
 Observe = Callable[..., None]
 COMPLETED, DIVERGED, STEPS_EXHAUSTED = range(3)
 """Values of status.Status."""
-_SAFETY, _MOST_SHRINK, _MOST_GROWTH = 0.9, 0.2, 6.0
-_EXPONENT, _LEAST_ERROR, _FRESH_ERROR = 0.04, 1e-8, 1e-4
+_SAFETY, MOST_SHRINK, _MOST_GROWTH = 0.9, 0.2, 6.0
+_EXPONENT, _LEAST_ERROR, FRESH_ERROR = 0.04, 1e-8, 1e-4
 
 
 @generic
@@ -113,19 +113,12 @@ def _advance(
     t, h = clock[NOW], min(clock[STEP], limits.longest)
     attempt(rates, p, run, t, h)
     error = squared_error(run.slopes, h, limits.tolerance)
-    if not isfinite(error):
-        clock[STEP] = _MOST_SHRINK * h
-        counts[REJECTED] += 1
-        return bool(h > limits.shortest)
-    if error > 1.0:
-        clock[STEP] = h * max(_MOST_SHRINK, _SAFETY * error**-0.1)
+    if not isfinite(error) or error > 1.0:
+        clock[STEP] = shorter_step(error, h)
         counts[REJECTED] += 1
         return bool(h > limits.shortest)
     depths(p, t + h, run.trial, run.new_penetration, run.new_rate)
-    # PI control (Hairer, Norsett and Wanner II, IV.2) on the squared error: error^-0.08 error_before^0.02.
-    error = max(error, _LEAST_ERROR)
-    power = (clock[ERROR] / (error * error * error * error)) ** (0.5 * _EXPONENT)
-    clock[ERROR], clock[STEP] = error, h * min(_MOST_GROWTH, max(_MOST_SHRINK, _SAFETY * power))
+    clock[ERROR], clock[STEP] = next_step(error, clock[ERROR], h)
     if may_touch(run, h):
         set_dense(run, h)
         x = first_onset(depths, p, run, limits.reach, t, h)
@@ -137,6 +130,23 @@ def _advance(
     follow_peaks(rates, p, run, t, h)
     _accept(rates, p, run, limits, t, h, episodes)
     return True
+
+
+@mechanical
+def shorter_step(error: float, h: float) -> float:
+    """The step in s after one of `h` s whose squared error is above 1, or none."""
+    return h * max(MOST_SHRINK, _SAFETY * error**-0.1) if isfinite(error) else MOST_SHRINK * h
+
+
+@mechanical
+def next_step(error: float, before: float, h: float) -> tuple[float, float]:
+    """The squared error to go on with, and the step in s after one of `h` s that had it, and one `before`.
+
+    PI control (Hairer, Norsett and Wanner II, IV.2) on the squared error: error^-0.08 before^0.02.
+    """
+    error = max(error, _LEAST_ERROR)
+    power = (before / (error * error * error * error)) ** (0.5 * _EXPONENT)
+    return error, h * min(_MOST_GROWTH, max(MOST_SHRINK, _SAFETY * power))
 
 
 @generic
@@ -159,5 +169,5 @@ def _accept(
     if begun:
         clock[STEP] = min(clock[STEP], limits.after_onset)
     if begun or ended:
-        clock[ERROR] = _FRESH_ERROR
+        clock[ERROR] = FRESH_ERROR
         rates(p, t + h, run.y, run.latched, run.slopes[0], run.force)

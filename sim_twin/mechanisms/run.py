@@ -16,6 +16,7 @@ STAGES, COEFFICIENTS = 7, 5
 NOW, BEFORE, STEP, STEP_BEFORE_ONSET, ERROR = range(5)
 # Entries of Run.counts.
 STEPS, REJECTED, SAMPLES, STARTED, EPISODES = range(5)
+FIRST_STEP, FIRST_ERROR = 1e-6, 1e-2
 # Columns of an episode, one row for each contact that has ended.
 ONSET, CONTACT, APPROACH, PEAK, END = range(5)
 
@@ -68,10 +69,10 @@ class StepLimits(NamedTuple):
     budget: int
 
 
-def begin(y: Real, contacts: int, time: float = 0.0, step: float = 1e-6) -> Run:
+def begin(y: Real, contacts: int, time: float = 0.0, step: float = FIRST_STEP) -> Run:
     """A run that starts from state `y` (n,) at `time` s, with a first trial `step` s; sample 0 is `time`."""
     n = len(y)
-    clock = np.array([time, time, step, step, 1e-2])
+    clock = np.array([time, time, step, step, FIRST_ERROR])
     return Run(
         y=np.array(y, dtype=float),
         trial=np.zeros(n),

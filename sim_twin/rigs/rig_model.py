@@ -66,12 +66,13 @@ class SideBySide:
 
     A run's numbers must be the same bits in whatever company it runs.
 
-    - `figures(twins, phases, settle, duration)`: figures of each, in order.
     - `truths(twins, phases, rate)`: their motions on a grid of `rate` Hz; all have the same channels.
+    - `figures(twins, phases, settle, duration)`: figures of each, in order; where there is no faster way than
+      one by one, None.
     """
 
-    figures: Callable[[Sequence[Any], Sequence[float], float, float], Sequence[RunFigures]]
     truths: Callable[[Sequence[Any], Sequence[float], float], Truths]
+    figures: Callable[[Sequence[Any], Sequence[float], float, float], Sequence[RunFigures]] | None = None
 
 
 JointRecords: TypeAlias = Callable[

@@ -102,8 +102,8 @@ MODEL = RigModel(
     truth=Deferred("sim_twin.rigs.impact_beam.truth:BeamTruth"),
     solver_values=Deferred("sim_twin.rigs.impact_beam.solver_values:solver_values"),
     side_by_side=SideBySide(
-        Deferred("sim_twin.rigs.impact_beam.lane_figures:figures"),
         Deferred("sim_twin.rigs.impact_beam.lanes:BeamTruths"),
+        Deferred("sim_twin.rigs.impact_beam.lane_figures:figures"),
     ),
     smooth_channels=(CHANNELS.drive,),
     reference=CHANNELS.drive,

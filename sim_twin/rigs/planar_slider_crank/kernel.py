@@ -8,21 +8,25 @@ with a flexible rod its deflection (m) and speed (m/s).
 
 from __future__ import annotations
 
-from math import pi, sin
+from math import pi
 from typing import NamedTuple
 
 from sim_twin.compiled import inlined, mechanical
 from sim_twin.contact import Friction, friction_share
 from sim_twin.joints.planar_revolute import (
-    NO_FORCE,
     RevoluteClearance,
     RevoluteForce,
     revolute_depth,
     revolute_force,
 )
 from sim_twin.joints.vectors import sine_cosine
+from sim_twin.lane_array import in_lanes
 from sim_twin.mechanisms.integrator import integrate
+from sim_twin.mechanisms.lane_integrator import advance_lanes, begin_lanes
+from sim_twin.mechanisms.lane_run import LaneRun, Lanes
+from sim_twin.mechanisms.lanes import Kernel
 from sim_twin.mechanisms.run import Real, Run, StepLimits
+from sim_twin.vector import touches
 
 X, Y, PHI, S, VX, VY, W, VS, THETA, WORK, LOST, Q, VQ = range(13)
 RIGID_STATES, FLEXIBLE_STATES = 11, 13  # the state's length tells whether the rod bends
@@ -67,9 +71,10 @@ class CrankNumbers(NamedTuple):
 
 @inlined
 def _crank_speed(p: CrankNumbers, theta: float) -> float:
-    if p.fluctuation == 0.0:  # spares the sine: the speed is asked for in every stage of a step
-        return p.omega
-    return p.omega * (1.0 + p.fluctuation * sin(p.order * theta + p.lag))
+    speed = p.omega
+    if touches(p.fluctuation * p.fluctuation):  # spares the sine: it is asked for in every stage of a step
+        speed = p.omega * (1.0 + p.fluctuation * sine_cosine(p.order * theta + p.lag)[0])
+    return speed
 
 
 @inlined
@@ -100,11 +105,12 @@ def _joint_forces(
     p: CrankNumbers, y: Real, v0: Real, speed: float, sine: float, cosine: float, up: float, along: float
 ) -> tuple[RevoluteForce, RevoluteForce]:
     # v0 is the approach speed (m/s) that was latched at the onset of a contact; 0: the joint is open.
-    one, two = NO_FORCE, NO_FORCE
-    if v0[CRANK_PIN] > 0.0:
+    no = 0.0 * v0[CRANK_PIN]  # in as many lanes as that
+    one = two = RevoluteForce(no, no, no, no, no, no)
+    if touches(v0[CRANK_PIN]):
         ex, ey, vx, vy = _at_crank_pin(p, y, speed, sine, cosine, up, along)
         one = revolute_force(p.joint_1, ex, ey, vx, vy, speed, y[W], v0[CRANK_PIN])
-    if v0[PISTON_PIN] > 0.0:
+    if touches(v0[PISTON_PIN]):
         ex, ey, vx, vy = _at_piston_pin(p, y, up, along)
         two = revolute_force(p.joint_2, ex, ey, vx, vy, 0.0, y[W], v0[PISTON_PIN])  # the pin does not turn
     return one, two
@@ -116,7 +122,7 @@ def rates(p: CrankNumbers, t: float, y: Real, v0: Real, dy: Real, force: Real) -
     speed = _crank_speed(p, y[THETA])  # the crank's motion is given: no force changes it
     fx, fy, torque, push, lift, lost, work = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     force[CRANK_PIN], force[PISTON_PIN] = 0.0, 0.0
-    if v0[CRANK_PIN] > 0.0 or v0[PISTON_PIN] > 0.0:  # no sines in free flight
+    if touches(max(v0[CRANK_PIN], v0[PISTON_PIN])):  # no sines in free flight
         sine, cosine = sine_cosine(y[THETA])
         up, along = sine_cosine(y[PHI])
         one, two = _joint_forces(p, y, v0, speed, sine, cosine, up, along)
@@ -125,7 +131,7 @@ def rates(p: CrankNumbers, t: float, y: Real, v0: Real, dy: Real, force: Real) -
         torque = one.on_bearing + two.on_bearing + arms
         work = speed * (p.crank_length * (cosine * one.y - sine * one.x) - one.on_journal)
         force[CRANK_PIN], force[PISTON_PIN] = one.normal, two.normal
-    if p.guide.coefficient > 0.0:
+    if touches(p.guide.coefficient):
         drag = friction_share(p.guide, y[VS]) * abs(p.piston_mass * p.gravity + lift)  # N; weight and rod
         push, lost = push + drag, lost - drag * y[VS]  # drag is against the speed, so this is a gain
     dy[X], dy[Y], dy[PHI], dy[S] = y[VX], y[VY], y[W], y[VS]
@@ -170,11 +176,11 @@ def observe(p: CrankNumbers, t: float, y: Real, v0: Real, out: Real, column: int
     speed = _crank_speed(p, y[THETA])
     centrifugal = p.unbalance * speed * speed  # N, along the crank; its bearing is in the frame
     frame_x, frame_y, push, lift = centrifugal * cosine, centrifugal * sine, 0.0, 0.0
-    if v0[CRANK_PIN] > 0.0 or v0[PISTON_PIN] > 0.0:
+    if touches(max(v0[CRANK_PIN], v0[PISTON_PIN])):
         up, along = sine_cosine(y[PHI])
         one, two = _joint_forces(p, y, v0, speed, sine, cosine, up, along)
         frame_x, frame_y, push, lift = frame_x - one.x, frame_y - one.y, -two.x, two.y
-    if p.guide.coefficient > 0.0:
+    if touches(p.guide.coefficient):
         push += friction_share(p.guide, y[VS]) * abs(p.piston_mass * p.gravity + lift)
     out[FRAME_X, column], out[FRAME_Y, column], out[GUIDE_Y, column] = frame_x, frame_y, -lift
     out[ANGLE, column], out[PISTON_ACCELERATION, column] = y[THETA], push * p.piston_mobility + p.pull
@@ -184,3 +190,22 @@ def observe(p: CrankNumbers, t: float, y: Real, v0: Real, out: Real, column: int
 def run(p: CrankNumbers, state: Run, limits: StepLimits, dt: float, out: Real, episodes: Real) -> int:
     """`integrate` for this mechanism."""
     return integrate(rates, depths, observe, p, state, limits, dt, out, episodes)
+
+
+@mechanical
+def begin(like: CrankNumbers, table: Lanes, state: LaneRun, limits: StepLimits) -> None:
+    """`begin_lanes` for this mechanism."""
+    begin_lanes(rates, depths, in_lanes(table, like), state, limits)
+
+
+@mechanical
+def advance(
+    like: CrankNumbers, table: Lanes, each: Lanes, state: LaneRun, limits: StepLimits, dt: float, first: int,
+    out: Real,
+) -> None:  # fmt: skip
+    """`advance_lanes` for this mechanism."""
+    advance_lanes(rates, depths, observe, like, table, each, state, limits, dt, first, out)
+
+
+LANES = Kernel(begin, advance, CONTACTS, OUTPUTS)
+"""Eight runs of it side by side."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import asin, cos, pi, sin
 from typing import TypeAlias
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from sim_twin.contact import Friction, lankarani_nikravesh
 from sim_twin.joints.planar_revolute import RevoluteClearance
 from sim_twin.linear_filter import LinearFilter, oscillator
+from sim_twin.mechanisms.lanes import Lane, LaneSimulation
 from sim_twin.mechanisms.run import StepLimits
 from sim_twin.mechanisms.simulation import Simulation
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after, marker_voltage, speed_at
@@ -66,6 +68,18 @@ class Frames:
         """For the next `outputs`, shape (outputs, n); each of shape (n,)."""
         forces = {CRANK_Y: outputs[FRAME_Y], CRANK_X: outputs[FRAME_X], PISTON_Y: outputs[GUIDE_Y]}
         return {name: self._filters[name](force) for name, force in forces.items()}
+
+
+class Shown:
+    """What the rig's channels show, rows in their order, of what a simulation puts out from rest on."""
+
+    def __init__(self, rig: PlanarSliderCrank, rate: float) -> None:
+        self._frames, self._marker = Frames(rig, rate), rig.marker_angle
+
+    def __call__(self, outputs: Array) -> Array:
+        """For the next `outputs`, shape (outputs, n); shape (channels, n)."""
+        marker = marker_voltage(outputs[ANGLE] - self._marker)
+        return np.array([*self._frames(outputs).values(), outputs[ANGLE], marker])
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,11 +143,16 @@ def simulation(
     at: Eccentricity = CENTRED,
 ) -> Simulation[CrankNumbers]:  # fmt: skip
     """In full motion from crank `angle` rad at t = 0 on, sampled every `step` s."""
-    y = np.zeros(_states(rig))
-    place(rig, y, angle, speed_at(drive, angle), at)
+    y = _state(rig, drive, angle, at)
     return Simulation(
         kernel.run, numbers(rig, drive), y, kernel.CONTACTS, kernel.OUTPUTS, limits or step_limits(rig), step
     )
+
+
+def _state(rig: PlanarSliderCrank, drive: SpeedDrive, angle: float, at: Eccentricity = CENTRED) -> Array:
+    y = np.zeros(_states(rig))
+    place(rig, y, angle, speed_at(drive, angle), at)
+    return y
 
 
 def place(rig: PlanarSliderCrank, y: Array, angle: float, speed: float, at: Eccentricity) -> None:
@@ -173,7 +192,7 @@ class CrankTruth:
         self._rig, self._rate = twin.rig, rate
         self._drive = AT_REST
         self._simulation: Simulation[CrankNumbers] | None = None
-        self._frames = Frames(twin.rig, rate)
+        self._shown = Shown(twin.rig, rate)
         self._steps = 0
         self._status = Status.COMPLETED
 
@@ -200,9 +219,7 @@ class CrankTruth:
             trace = self._simulation.advance(steps)
             outputs, self._status = trace.outputs, trace.status
         self._steps += outputs.shape[1]
-        accelerations = self._frames(outputs).values()
-        marker = marker_voltage(outputs[ANGLE] - self._rig.marker_angle)
-        return np.array([*accelerations, outputs[ANGLE], marker])
+        return self._shown(outputs)
 
     def shape(self) -> Array:
         """Points in m, shape (5, 2): crank bearing, crank pin, both ends of the rod, piston pin."""
@@ -226,3 +243,25 @@ class CrankTruth:
     @property
     def status(self) -> Status:
         return self._status
+
+
+class CrankTruths:
+    """Rows as in `CrankTruth`, for all twins."""
+
+    def __init__(self, twins: Sequence[CrankTwin], phases: Sequence[float], rate: float) -> None:
+        lanes = []
+        for twin, phase in zip(twins, phases, strict=True):
+            rig, drive = twin.rig, twin.drive
+            y = _state(rig, drive, angle_after(drive, phase, 0.0))
+            lanes.append(Lane(numbers(rig, drive), y, step_limits(rig)))
+        self._simulation = LaneSimulation(kernel.LANES, lanes, 1 / rate)
+        self._shown = [Shown(twin.rig, rate) for twin in twins]
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (twins, channels, steps)."""
+        outputs = self._simulation.advance(steps)
+        return np.array([shown(each) for shown, each in zip(self._shown, outputs, strict=True)])
+
+    @property
+    def statuses(self) -> Sequence[Status]:
+        return self._simulation.statuses

@@ -13,7 +13,7 @@ from sim_twin.rigs.cycles import angle_cycles
 from sim_twin.rigs.planar_slider_crank.channels import ACCELERATIONS, ANGLE, CHANNELS, MARKER
 from sim_twin.rigs.planar_slider_crank.effects import EFFECTS
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
-from sim_twin.rigs.rig_model import Deferred, RigModel
+from sim_twin.rigs.rig_model import Deferred, RigModel, SideBySide
 from sim_twin.sensors import Encoder, Sensor, SensorChain
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ MODEL = RigModel(
     tolerances=tolerances,
     truth=Deferred("sim_twin.rigs.planar_slider_crank.motion:CrankTruth"),
     solver_values=Deferred("sim_twin.rigs.planar_slider_crank.solver_values:solver_values"),
+    side_by_side=SideBySide(Deferred("sim_twin.rigs.planar_slider_crank.motion:CrankTruths")),
     reference=CHANNELS.angle,
     follow=angle_cycles,
     fine_rate=51_200.0,

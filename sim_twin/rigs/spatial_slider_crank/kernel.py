@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from sim_twin.compiled import compiled, mechanical
-from sim_twin.contact import elastic_force, normal_force
+from sim_twin.contact import contact_forces
 from sim_twin.joints.spatial import POINTS, Touch, ball_in_socket, face_axis, face_side, friction_force
 from sim_twin.joints.vectors import Vector, added, cross, dot, gibbs_rate, outward, scaled, subtracted
+from sim_twin.lane_array import in_lanes
 from sim_twin.mechanisms.integrator import integrate
+from sim_twin.mechanisms.lane_integrator import advance_lanes, begin_lanes
+from sim_twin.mechanisms.lane_run import LaneRun, Lanes
+from sim_twin.mechanisms.lanes import Kernel
 from sim_twin.mechanisms.run import Real, Run, StepLimits
 from sim_twin.rigs.spatial_slider_crank.constants import CONTACTS, RIGID, SOCKET, Array, Constants
 from sim_twin.rigs.spatial_slider_crank.dynamics import (
@@ -26,6 +30,7 @@ from sim_twin.rigs.spatial_slider_crank.pose import (
     slider_point,
     to_rod,
 )
+from sim_twin.vector import touches
 
 SPEED_ROW, ANGLE_ROW, SLIDER_SPEED_ROW = CONTACTS, CONTACTS + 1, CONTACTS + 2  # rad/s, rad, m/s
 OUTPUTS = CONTACTS + 3  # first the forces of the eight points and the socket, N
@@ -72,14 +77,14 @@ def observe(p: Constants, t: float, y: Array, v0: Array, out: Array, column: int
     at = pose(p, y)
     for i in range(POINTS):
         out[i, column] = 0.0
-        if v0[i] > 0.0:  # latched approach speed, m/s; 0: open
+        if touches(v0[i]):  # latched approach speed, m/s; 0: open
             place, velocity = slider_point(at, (p.points[i, 0], p.points[i, 1], p.points[i, 2]))
             d, rate = _overlap(p, y, i, place, velocity)
-            out[i, column] = normal_force(p.guide_law, d, rate, v0[i])
+            out[i, column], _ = contact_forces(p.guide_law, d, rate, v0[i])
     out[SOCKET, column] = 0.0
-    if v0[SOCKET] > 0.0:
+    if touches(v0[SOCKET]):
         touch = _socket_touch(p, y, at)
-        out[SOCKET, column] = normal_force(p.socket_law, touch.depth, touch.rate, v0[SOCKET])
+        out[SOCKET, column], _ = contact_forces(p.socket_law, touch.depth, touch.rate, v0[SOCKET])
     theta = y[2 * (RIGID + 2 * p.modes)]
     out[SPEED_ROW, column], out[ANGLE_ROW, column] = crank_speed(p, theta), theta
     _, centre_velocity = slider_point(at, (-p.pin[0], -p.pin[1], -p.pin[2]))  # `pin` is seen from the centre
@@ -92,12 +97,31 @@ def run(p: Constants, state: Run, limits: StepLimits, dt: float, out: Real, epis
     return integrate(rates, depths, observe, p, state, limits, dt, out, episodes)
 
 
+@compiled
+def begin(like: Constants, table: Lanes, state: LaneRun, limits: StepLimits) -> None:
+    """See `begin_lanes`."""
+    begin_lanes(rates, depths, in_lanes(table, like), state, limits)
+
+
+@compiled
+def advance(
+    like: Constants, table: Lanes, each: Lanes, state: LaneRun, limits: StepLimits, dt: float, first: int,
+    out: Real,
+) -> None:  # fmt: skip
+    """Fill `out` (8, 12, count) with the next samples of eight runs; see `advance_lanes`."""
+    advance_lanes(rates, depths, observe, like, table, each, state, limits, dt, first, out)
+
+
+LANES = Kernel(begin, advance, CONTACTS, OUTPUTS)
+"""Eight runs of it side by side."""
+
+
 @mechanical
 def _overlap(p: Constants, y: Array, i: int, place: Vector, velocity: Vector) -> tuple[float, float]:
     """Penetration of point `i` of the shell into the guide, and its rate."""
     axis, side = face_axis(i), face_side(i)
     along, speed = (place[1], velocity[1]) if axis == 1 else (place[2], velocity[2])
-    if p.base[1] > 0.0:
+    if touches(p.base[1]):
         base = 2 * (RIGID + 2 * p.modes) + 3
         along, speed = along - y[base + axis - 1], speed - y[base + 1 + axis]  # axis is 1 or 2
     # The shell is around the guide: a point touches where it comes nearer to the axis than the guide's face.
@@ -111,23 +135,23 @@ def _guide_forces(
     """Force on the slider, its moment about the pin (world frame), what contacts lose (W); moves the base."""
     push = twist = base_velocity = (0.0, 0.0, 0.0)
     lost = 0.0
-    if p.base[1] > 0.0:  # mass 0: the guide stands still and has no states
+    if touches(p.base[1]):  # mass 0: the guide stands still and has no states
         base = 2 * (RIGID + 2 * p.modes) + 3
         base_velocity = (0.0, y[base + 2], y[base + 3])
     for i in range(POINTS):
         force[i] = 0.0
-        if v0[i] > 0.0:
+        if touches(v0[i]):
             place, velocity = slider_point(at, (p.points[i, 0], p.points[i, 1], p.points[i, 2]))
             d, rate = _overlap(p, y, i, place, velocity)
-            force[i] = normal_force(p.guide_law, d, rate, v0[i])
+            force[i], elastic = contact_forces(p.guide_law, d, rate, v0[i])
             slip = subtracted(velocity, base_velocity)  # across the face too: friction leaves that out
             rubbing = friction_force(p.friction, force[i], face_axis(i), slip)
             normal = face_side(i) * force[i]
             total = added(rubbing, (0.0, normal, 0.0) if face_axis(i) == 1 else (0.0, 0.0, normal))
             push = added(push, total)
             twist = added(twist, cross(subtracted(place, at.pin), total))
-            lost += (force[i] - elastic_force(p.guide_law, d)) * rate - dot(rubbing, slip)
-    if p.base[1] > 0.0:
+            lost += (force[i] - elastic) * rate - dot(rubbing, slip)
+    if touches(p.base[1]):
         lost += _move_base(p, y, push, dy)
     return push, twist, lost
 
@@ -157,14 +181,14 @@ def _socket_touch(p: Constants, y: Array, at: Pose) -> Touch:
 def _socket_force(p: Constants, y: Array, at: Pose, v0: Array, force: Array) -> tuple[Vector, float, float]:
     """Force on the ball (N, world frame), the motor's power and what the contact loses (W)."""
     force[SOCKET] = 0.0
-    if v0[SOCKET] == 0.0:
+    if not touches(v0[SOCKET]):
         return (0.0, 0.0, 0.0), 0.0, 0.0
     touch = _socket_touch(p, y, at)
-    F = normal_force(p.socket_law, touch.depth, touch.rate, v0[SOCKET])
+    F, elastic = contact_forces(p.socket_law, touch.depth, touch.rate, v0[SOCKET])
     force[SOCKET] = F
     push = scaled(F, touch.normal)
     power = dot(push, crank_pin_velocity(p, y[2 * (RIGID + 2 * p.modes)]))
-    return push, power, (F - elastic_force(p.socket_law, touch.depth)) * touch.rate
+    return push, power, (F - elastic) * touch.rate
 
 
 @mechanical

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import asin, atan2, sqrt
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.mechanisms.lanes import Lane, LaneSimulation
 from sim_twin.mechanisms.run import StepLimits
 from sim_twin.mechanisms.simulation import Simulation
 from sim_twin.rigs.crank_drive import SpeedDrive, angle_after, marker_voltage
@@ -141,8 +143,7 @@ class SpatialTruth:
             trace = self._simulation.advance(steps)
             outputs, self._status = trace.outputs, trace.status
         self._steps += outputs.shape[1]
-        marker = marker_voltage(outputs[ANGLE_ROW] - self._rig.marker_angle)
-        return np.array([*outputs[:CONTACTS], outputs[SPEED_ROW], marker])
+        return _shown(self._rig, outputs)
 
     def shape(self) -> Array:
         """Points in m, shape (4, 3): crank bearing, socket, ball, universal joint."""
@@ -157,3 +158,29 @@ class SpatialTruth:
     @property
     def status(self) -> Status:
         return self._status
+
+
+class SpatialTruths:
+    """Rows as in `SpatialTruth`, for all twins."""
+
+    def __init__(self, twins: Sequence[SpatialTwin], phases: Sequence[float], rate: float) -> None:
+        self._rigs, lanes = [twin.rig for twin in twins], []
+        for twin, phase in zip(twins, phases, strict=True):
+            p = constants(twin.rig, twin.drive)
+            lanes.append(Lane(p, ideal_state(p, angle_after(twin.drive, phase, 0.0)), step_limits(twin.rig)))
+        self._simulation = LaneSimulation(kernel.LANES, lanes, 1 / rate)
+
+    def advance(self, steps: int) -> Array:
+        """Next `steps` of the grid, shape (twins, channels, steps)."""
+        outputs = self._simulation.advance(steps)
+        return np.array([_shown(rig, each) for rig, each in zip(self._rigs, outputs, strict=True)])
+
+    @property
+    def statuses(self) -> Sequence[Status]:
+        return self._simulation.statuses
+
+
+def _shown(rig: SpatialSliderCrank, outputs: Array) -> Array:
+    """What the channels show of what a simulation puts out, shape (channels, n)."""
+    marker = marker_voltage(outputs[ANGLE_ROW] - rig.marker_angle)
+    return np.array([*outputs[:CONTACTS], outputs[SPEED_ROW], marker])

@@ -6,7 +6,6 @@ about its own third axis. The rod lies along its -x, towards the crank.
 
 from __future__ import annotations
 
-from math import cos, sin
 from typing import NamedTuple
 
 from sim_twin.compiled import mechanical
@@ -19,6 +18,7 @@ from sim_twin.joints.vectors import (
     inward,
     outward,
     product,
+    sine_cosine,
     subtracted,
 )
 from sim_twin.rigs.spatial_slider_crank.constants import RIGID, Array, Constants
@@ -52,14 +52,15 @@ def pose(p: Constants, y: Array) -> Pose:
     m = p.modes
     n = RIGID + 2 * m
     slider = gibbs_rotation((y[3], y[4], y[5]))
-    sa, ca, sb, cb = sin(y[6]), cos(y[6]), sin(y[7]), cos(y[7])
+    sa, ca = sine_cosine(y[6])
+    sb, cb = sine_cosine(y[7])
     joint = ((ca * cb, -ca * sb, sa), (sb, cb, 0.0), (-sa * cb, sa * sb, ca))
     rod = product(slider, joint)
     axis = (sb, cb, 0.0)
     Omega = (y[n + 3], y[n + 4], y[n + 5])
     relative = (sb * y[n + 6], cb * y[n + 6], y[n + 7])
     omega = outward(joint, subtracted(Omega, relative))
-    u = w = u_rate = w_rate = 0.0
+    u = w = u_rate = w_rate = 0.0 * p.rod_length  # in as many lanes as that
     for k in range(m):
         u += p.tip[k] * y[RIGID + k]
         w += p.tip[k] * y[RIGID + m + k]
@@ -75,7 +76,8 @@ def pose(p: Constants, y: Array) -> Pose:
 @mechanical
 def crank_pin(p: Constants, theta: float) -> Vector:
     """Centre of the socket at crank angle `theta`, m."""
-    along, up = p.radius * cos(theta), p.radius * sin(theta)
+    sine, cosine = sine_cosine(theta)
+    along, up = p.radius * cosine, p.radius * sine
     return (
         p.centre[0] + along * p.toward[0],
         p.centre[1] + along * p.toward[1],
@@ -87,14 +89,15 @@ def crank_pin(p: Constants, theta: float) -> Vector:
 def crank_pin_velocity(p: Constants, theta: float) -> Vector:
     """Its velocity, m/s."""
     speed = crank_speed(p, theta)
-    along, up = -p.radius * sin(theta) * speed, p.radius * cos(theta) * speed
+    sine, cosine = sine_cosine(theta)
+    along, up = -p.radius * sine * speed, p.radius * cosine * speed
     return along * p.toward[0], along * p.toward[1], along * p.toward[2] + up
 
 
 @mechanical
 def crank_speed(p: Constants, theta: float) -> float:
     """omega = omega_0 (1 + amplitude sin(order theta + phase)), rad/s."""
-    return float(p.drive[0] * (1.0 + p.drive[1] * sin(p.drive[2] * theta + p.drive[3])))
+    return float(p.drive[0] * (1.0 + p.drive[1] * sine_cosine(p.drive[2] * theta + p.drive[3])[0]))
 
 
 @mechanical

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from sim_twin.healthy import Tolerance, factor, of_sensors, shift
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.cycles import mark_cycles
-from sim_twin.rigs.rig_model import Deferred, RigModel
+from sim_twin.rigs.rig_model import Deferred, RigModel, SideBySide
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS, FORCES, MARKER, TACHOMETER
 from sim_twin.rigs.spatial_slider_crank.effects import EFFECTS
 from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank
@@ -68,6 +68,7 @@ MODEL = RigModel(
     tolerances=tolerances,
     truth=Deferred("sim_twin.rigs.spatial_slider_crank.motion:SpatialTruth"),
     solver_values=Deferred("sim_twin.rigs.spatial_slider_crank.solver_values:solver_values"),
+    side_by_side=SideBySide(Deferred("sim_twin.rigs.spatial_slider_crank.motion:SpatialTruths")),
     reference=CHANNELS.marker,
     follow=mark_cycles,
     fine_rate=51_200.0,

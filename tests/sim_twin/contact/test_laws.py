@@ -9,11 +9,11 @@ from scipy.integrate import solve_ivp
 from sim_twin.contact import (
     ContactLaw,
     Friction,
+    contact_forces,
     friction_share,
     hertz,
     lankarani_nikravesh,
     linear,
-    normal_force,
 )
 from sim_twin.mechanisms.run import APPROACH, ONSET, PEAK, StepLimits
 from sim_twin.mechanisms.simulation import Simulation
@@ -94,8 +94,8 @@ def test_a_damped_law_agrees_with_scipy_and_balances_its_energy(e: float) -> Non
 
 def test_no_law_pulls() -> None:
     for law in (linear(1e7, 100.0), lankarani_nikravesh(K, 0.1)):
-        assert normal_force(law, 1e-6, -100.0, 0.01) == 0.0
-        assert normal_force(law, -1e-6, 1.0, 0.01) == 0.0
+        assert contact_forces(law, 1e-6, -100.0, 0.01)[0] == 0.0
+        assert contact_forces(law, -1e-6, 1.0, 0.01) == (0.0, 0.0)
 
 
 def test_friction_sets_in_between_its_two_speeds() -> None:

@@ -13,10 +13,9 @@ from sim_twin.compiled import generic
 from sim_twin.contact import (
     ContactLaw,
     Friction,
-    elastic_force,
+    contact_forces,
     friction_share,
     lankarani_nikravesh,
-    normal_force,
 )
 from sim_twin.joints.vectors import sine_cosine
 from sim_twin.mechanisms.integrator import integrate
@@ -81,10 +80,10 @@ def corner_force(
     d, rate = corner_depth(joint, corner, y, vy, sine, cosine, spin)
     if d <= 0.0:
         return NO_FORCE
-    normal = normal_force(joint.law, d, rate, v0)
+    normal, elastic = contact_forces(joint.law, d, rate, v0)
     slip = vx - spin * ay
     x, up = friction_share(joint.friction, slip) * normal, -side * normal
-    lost = (normal - elastic_force(joint.law, d)) * rate - x * slip
+    lost = (normal - elastic) * rate - x * slip
     return CornerForce(x, up, normal, ax * up - ay * x, lost)
 
 

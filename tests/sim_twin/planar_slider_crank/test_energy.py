@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_twin.contact import elastic_force
+from sim_twin.contact import contact_forces
 from sim_twin.mechanisms.run import ONSET
 from sim_twin.rigs.planar_slider_crank import kernel
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
@@ -25,7 +25,7 @@ def energies(rig: PlanarSliderCrank, y: np.ndarray) -> np.ndarray:
     rod = rig.rod_mass * (y[kernel.VX] ** 2 + y[kernel.VY] ** 2) + rig.rod_inertia * y[kernel.W] ** 2
     kinetic = 0.5 * (rod + rig.piston_mass * y[kernel.VS] ** 2)
     stored = sum(
-        elastic_force(joint.law, x) * x / (joint.law.exponent + 1.0)
+        contact_forces(joint.law, x, 0.0, 1.0)[1] * x / (joint.law.exponent + 1.0)
         for joint, x in zip((p.joint_1, p.joint_2), d, strict=True)
     )
     potential = rig.rod_mass * rig.gravity * y[kernel.Y]
