@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import psutil
+from numpy.typing import NDArray
 
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
@@ -251,7 +252,8 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     long = seconds >= _SLOPE_S
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
         slope = f", in the last two thirds {slopes[name]:+.2f} MB/h" if long and name in slopes else ""
-        print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB{slope}")
+        least = " ".join(f"{each:.0f}" for each in _least_mib(watched.rss[name])) if slope else ""
+        print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB{slope}{least and f': {least}'}")
     print(f"acquisition, worst 2 s    {worst:.2f} of a core")
     print(f"busiest process           {busiest}, {means[busiest]:.2f} of a core")
     print(f"all processes             {sum(means.values()):.2f} cores")
@@ -268,11 +270,15 @@ def _slope(rss_mib: list[float]) -> float:
 
     By the least of each time between two stalls, in which it takes up what waits, and gives it back in parts.
     """
-    steady = np.array(rss_mib[round(len(rss_mib) * _NOT_STEADY) :]) * (MIB / 1e6)
-    each = round(_STALLS_EVERY_S / EVERY_S)
-    least = steady[: len(steady) // each * each].reshape(-1, each).min(axis=1)
+    least = _least_mib(rss_mib[round(len(rss_mib) * _NOT_STEADY) :]) * (MIB / 1e6)
     hours = np.arange(len(least)) * _STALLS_EVERY_S / 3600.0
     return float(np.polyfit(hours, least, 1)[0]) if len(least) > 1 else math.nan
+
+
+def _least_mib(rss_mib: list[float]) -> NDArray[np.float64]:
+    """Of each time between two stalls."""
+    each = round(_STALLS_EVERY_S / EVERY_S)
+    return np.array(rss_mib[: len(rss_mib) // each * each]).reshape(-1, each).min(axis=1)
 
 
 def _beside(topic: str) -> float:

@@ -6,6 +6,7 @@ has neither threads nor locks of its parent. One duplex pipe joins the two; what
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
@@ -26,7 +27,8 @@ those that it needs on the way."""
 class Child:
     """A process that calls `entry(pipe, *arguments)`; both are pickled on their way there.
 
-    It never hears the signals `deaf_to`. Once whoever started it is gone, killed or not, it has `grace_s` to
+    It never hears the signals `deaf_to`, and gives memory back unless `keeps_memory` (see
+    `give_memory_back`). Once whoever started it is gone, killed or not, it has `grace_s` to
     end by itself, and is then ended whatever it does; None: it outlives its parent.
     """
 
@@ -37,11 +39,15 @@ class Child:
         *arguments: object,
         deaf_to: Collection[signal.Signals] = OF_THE_TERMINAL,
         grace_s: float | None = 0.0,
+        keeps_memory: bool = False,
     ) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, self._far_end = context.Pipe()
         self.process = context.Process(
-            target=_child, args=(entry, self._far_end, arguments, grace_s), name=name, daemon=True
+            target=_child,
+            args=(entry, self._far_end, arguments, grace_s, keeps_memory),
+            name=name,
+            daemon=True,
         )
         self._deaf_to = deaf_to
 
@@ -131,10 +137,32 @@ def begin_as_child(grace_s: float | None = 0.0) -> None:
     threading.Thread(target=watch, name="parent watch", daemon=True).start()
 
 
+def give_memory_back(every_s: float = 10.0) -> None:
+    """Have this process give what it has freed back to the system every so often.
+
+    What waits while a disk stalls is freed in between what stays, and glibc keeps that for itself: after a
+    night of stalls a process is as large as the worst of them has made it.
+    """
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of glibc alone
+
+    def keep_small() -> None:
+        while trim is not None:
+            time.sleep(every_s)
+            trim(0)
+
+    threading.Thread(target=keep_small, name="memory", daemon=True).start()
+
+
 def _child(
-    entry: Callable[..., None], pipe: Connection, arguments: tuple[Any, ...], grace_s: float | None
+    entry: Callable[..., None],
+    pipe: Connection,
+    arguments: tuple[Any, ...],
+    grace_s: float | None,
+    keeps_memory: bool,
 ) -> None:
     with suppress(OSError):  # for top and ps; where a system has no such file it is python there
         Path("/proc/self/comm").write_text(multiprocessing.current_process().name)
     begin_as_child(grace_s)
+    if not keeps_memory:
+        give_memory_back()
     entry(pipe, *arguments)

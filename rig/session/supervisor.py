@@ -96,7 +96,9 @@ class Supervisor:
         self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
         watched = spare, locks, emulated, by_hand, line, latch, hurry_s
-        self._child = Child("supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None)
+        self._child = Child(
+            "supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None, keeps_memory=True
+        )
         self._pipe_has = _looks_at(self._child.pipe)
 
     def launch(self) -> None:

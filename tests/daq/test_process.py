@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -13,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from daq.process import OF_THE_TERMINAL, Child
+from daq.process import OF_THE_TERMINAL, Child, give_memory_back
 
 GONE_S = 10.0
 PARENT = """
@@ -118,3 +119,32 @@ def test_one_that_hangs_is_terminated_or_killed(terminate_s: float | None, by: s
     child.end(0.0, terminate_s)
     child.pipe.close()
     assert child.process.exitcode == -by
+
+
+def free_in_between(pipe: Connection, every_s: float | None) -> None:
+    """Answers with the memory that 200 MB in pieces took, and with what of it is left once most are freed."""
+    if every_s is not None:
+        give_memory_back(every_s)
+    memory, before = psutil.Process().memory_info, psutil.Process().memory_info().rss
+    pieces = [bytearray(50_000) for _ in range(4000)]
+    taken = memory().rss - before
+    pieces = pieces[::40]
+    end_s = time.monotonic() + 5.0
+    while memory().rss - before > 0.25 * taken and time.monotonic() < end_s and every_s is not None:
+        time.sleep(0.02)
+    pipe.send((taken, memory().rss - before, len(pieces)))
+
+
+def left_of_it(every_s: float | None) -> float:
+    child = Child("freeing", free_in_between, every_s, keeps_memory=True)
+    child.start()
+    taken, left, _ = child.pipe.recv()
+    child.process.join()
+    assert taken > 100e6
+    return float(left / taken)
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="of glibc alone")
+def test_what_is_freed_between_what_stays_is_given_back() -> None:
+    assert left_of_it(None) > 0.5  # glibc keeps it
+    assert left_of_it(0.05) < 0.25
