@@ -8,7 +8,7 @@ that ends by itself before it is killed, as on a machine too busy for the emulat
 told: one in twenty at most.
 Returns 1 if a log cannot be recovered, a sample is unaccounted for, or more than half a second is lost.
 
-Usage: python -m benchmarks.kills [kills] [--seed N]
+Usage: python -m benchmarks.kills [kills] [--seed N] [--beside N]
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +38,7 @@ from tests.accounting import ONLY_A_HEAD, discrepancies, late_s, sent_in
 
 ROOT = Path(__file__).parents[1]
 MOST_LOST_S = 0.5
-MOST_BEFORE = 20
+MOST_BEFORE, MOST_TRIES = 20, 3
 _SCENARIO = """\
 rig = "{rig}"
 [drive]
@@ -161,42 +163,69 @@ def lost_s(killed: Killed, recovered: Path) -> dict[str, float]:
     return {name: (until_ns - end) / NS_PER_S for name, end in ends.items()}
 
 
-def worst_lost(kills: int, seed: int) -> Iterator[tuple[str, str, float, float]]:
-    """Of so many kills: the rig, the stream that lost most, how much, and how late its samples came (s)."""
-    rng, number, before = np.random.default_rng(seed), 0, 0
-    while number < kills:
-        rig = list(RIGS)[number % len(RIGS)]
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """Of a kill: its rig, the stream that lost most, how much and how late its samples came (s).
+
+    `before`: how many runs had ended before they were to be killed.
+    """
+
+    rig: str
+    stream: str
+    seconds: float
+    late: float
+    before: int
+
+
+def lost_by(number: int, seed: int) -> Lost:
+    """What one kill costs; raises EndedBefore where one run after the other ends before it."""
+    rng, rig = np.random.default_rng([seed, number]), list(RIGS)[number % len(RIGS)]
+    moment = _MOMENTS[number % len(_MOMENTS)]
+    for before in range(MOST_TRIES):
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            moment = _MOMENTS[number % len(_MOMENTS)]
             after_s = float(rng.uniform(0.0, _OPENS_S if moment == _OPENS else _LONGEST_S))
             try:
                 killed = killed_run(rig, moment, after_s, folder)
             except EndedBefore as error:
-                before += 1
                 print(f"{rig}: ended before: {str(error).strip().splitlines()[-1:]}", flush=True)
-                if before > kills // MOST_BEFORE:
-                    raise
                 continue
             each, late = lost_s(killed, folder / "recovered.mcap"), 0.0
             if each:
                 with LogReader(killed.log) as reader:
                     late = late_s(reader)
-        number += 1
         worst = max(each, key=each.__getitem__, default="nothing")
-        yield rig, f"{moment}: {worst}", each.get(worst, 0.0), late
+        return Lost(rig, f"{moment}: {worst}", each.get(worst, 0.0), late, before)
+    raise EndedBefore(f"{rig}: {MOST_TRIES} runs one after the other")
+
+
+def worst_lost(kills: int, seed: int, beside: int = 1) -> Iterator[Lost]:
+    """Of so many kills, `beside` at a time; raises EndedBefore where too many runs end before."""
+    before = 0
+    with ThreadPoolExecutor(beside) as pool:
+        for lost in pool.map(partial(lost_by, seed=seed), range(kills)):
+            before += lost.before
+            if before > kills // MOST_BEFORE:
+                pool.shutdown(cancel_futures=True)
+                raise EndedBefore(f"{before} of {kills} runs")
+            yield lost
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("kills", nargs="?", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--beside", type=int, default=1, help="kills at a time; each is a busy neighbour then"
+    )
     arguments = parser.parse_args()
     lost: list[float] = []
-    for number, (rig, stream, seconds, late) in enumerate(worst_lost(arguments.kills, arguments.seed)):
-        lost.append(seconds)
+    for number, each in enumerate(worst_lost(arguments.kills, arguments.seed, arguments.beside)):
+        lost.append(each.seconds)
         print(
-            f"{number + 1:4} {rig:22} {stream:36} {seconds:.3f} s, came up to {late:.3f} s late", flush=True
+            f"{number + 1:4} {each.rig:22} {each.stream:36} {each.seconds:.3f} s, "
+            f"came up to {each.late:.3f} s late",
+            flush=True,
         )
     print(
         f"all {len(lost)} recovered; lost at most {max(lost):.3f} s, median {np.median(lost):.3f} s"

@@ -278,7 +278,7 @@ def _slope(rss_mib: list[float]) -> float:
 def _least_mib(rss_mib: list[float]) -> NDArray[np.float64]:
     """Of each time between two stalls."""
     each = round(_STALLS_EVERY_S / EVERY_S)
-    return np.array(rss_mib[: len(rss_mib) // each * each]).reshape(-1, each).min(axis=1)
+    return np.asarray(np.reshape(rss_mib[: len(rss_mib) // each * each], (-1, each)).min(axis=1))
 
 
 def _beside(topic: str) -> float:

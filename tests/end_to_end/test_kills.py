@@ -14,6 +14,6 @@ KILLS = 10
 def test_a_killed_run_of_any_rig_is_recovered_and_lost_half_a_second_at_most() -> None:
     """What was sent is held against what is recovered, also of an encoder and of one reading a second."""
     found = list(worst_lost(KILLS, seed=13))
-    assert {rig for rig, *_ in found} == set(RIGS)
+    assert {each.rig for each in found} == set(RIGS)
     # on a busy machine samples come late: what a run had not got yet is no loss of the log's
-    assert max(seconds - late for *_, seconds, late in found) <= MOST_LOST_S, found
+    assert max(each.seconds - each.late for each in found) <= MOST_LOST_S, found
