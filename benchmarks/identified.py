@@ -70,6 +70,8 @@ FREE: Final = {
 _SEEDS: Final = {rig: number for number, rig in enumerate(FREE)}
 RUNS, BUDGET_S = 2, {"rigs": 3600.0, "effects": 60.0}
 LEARN, WIDER, HEALTHY, LONGEST_S = 5, 2.0, 48, 20.0
+STRIKES_FROM: Final = 190 * np.pi / 30
+"""rad/s: at 150 rpm and less a spatial crank does not strike (decision 5)."""
 FARTHEST: Final = 3.0
 """Of ten healthy deviations: farther no rig lies."""
 HOLD, GAP, WALL_S, POINTS, CALLED_OFF = (0.88, 0.99), 1.15, 300.0, 0.05, 3 / 60
@@ -106,7 +108,7 @@ def commit() -> str:
         command = ["git", *ask]
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()  # noqa: S603
 
-    changed = git("status", "--porcelain", "--", "rig", "sim_twin", "daq")
+    changed = git("status", "--porcelain", "--", "rig", "sim_twin", "daq", "drivers")
     return git("rev-parse", "--short=8", "HEAD") + ("+" if changed else "")
 
 
@@ -170,7 +172,10 @@ BUILT: Final[Mapping[str, Callable[[Mapping[str, float], Any], Any]]] = {
 
 
 def points_of(rig: str, runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
+    """Settings with the gaps of the first; of the spatial crank such as strike, or they would be refused."""
     first, *others = points(rig, runs, rng)
+    while rig == SPATIAL and min(float(each["speed"]) for each in (first, *others)) < STRIKES_FROM:
+        first, *others = points(rig, runs, rng)
     gaps = {key: value for key, value in first.items() if "clearance" in key}
     return (first, *({**each, **gaps} for each in others))
 

@@ -45,7 +45,8 @@ _ALIKE = 1e-5
 _TIME_BASE_S = 0.1
 _ANSWERS_S = 1.0
 """An instrument that is asked may take so long for what a crash then loses."""
-_ANALOG = ("V", "")
+_VOLTS = ("V",)
+_ANALOG = (*_VOLTS, "")
 _COUNT, _COUNTERS = "count", ("count", "edge", "Hz")
 _COUNTER = 1 << 32
 """What the card's counters give; the first, of an encoder, begins anew there."""
@@ -338,19 +339,23 @@ def _cards_of(
 
 def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
     """Which sample of the card is the record's first, by time and then by values."""
-    analog = {
-        name: blocks
-        for name, blocks in log.measured.items()
-        if log.channels[name].raw_unit in _ANALOG and blocks[0].sample_rate == card.rate
-    }
-    if not analog:
+    declared = [
+        name
+        for name, channel in log.channels.items()
+        if channel.raw_unit in (_ANALOG if name in log.measured else _VOLTS)
+        and (name not in log.measured or log.measured[name][0].sample_rate == card.rate)
+    ]
+    came = [name for name in declared if name in log.measured]
+    if not came:
         return 0, []
-    first = next(iter(analog.values()))[0]
+    first = log.measured[came[0]][0]
     begin_s = (first.time_ns - card.started_ns) / NS_PER_S - first.first_sample / card.rate
     near = round(begin_s * card.rate)
-    if len(analog) != len(card.inputs):
-        return near, [f"{len(analog)} analog channels of {len(card.inputs)} inputs"]
-    logged = {name: _whole(blocks) for name, blocks in analog.items()}
+    # of what a crash cut soon after its begin, the first blocks of some channels may be all that was written
+    of_inputs = came if len(came) == len(card.inputs) or log.written_ns is None else declared
+    if len(of_inputs) != len(card.inputs):
+        return near, [f"{len(of_inputs)} analog channels of {len(card.inputs)} inputs"]
+    logged = {of_inputs.index(name): _whole(log.measured[name]) for name in came}
     counters = [
         name for name in log.channels if log.channels[name].raw_unit in _COUNTERS and name != _ENCODER
     ]
@@ -361,11 +366,11 @@ def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
     }
     turns = {row: round(math.tau / (log.channels[counters[row]].scale or 1.0)) for row in counts}
     for shift in _SHIFTS:
-        if all(_alike(card, row, values, near + shift) for row, values in enumerate(logged.values())) and all(
+        if all(_alike(card, row, values, near + shift) for row, values in logged.items()) and all(
             _counts_alike(card, row, turns[row], each, near + shift) for row, each in counts.items()
         ):
             return near + shift, []
-    told = [*analog, *(counters[row] for row in counts)]
+    told = [*came, *(counters[row] for row in counts)]
     return near, [f"the values of {', '.join(told)} are not those that were sent"]
 
 

@@ -48,15 +48,15 @@ def counts(frame: int) -> int:
 
 @pytest.fixture
 def truth(tmp_path: Path) -> Path:
-    """A card of one input from 0 s on, and an encoder from 1 s on, both until 5 s."""
+    """A card of two inputs from 0 s on, and an encoder from 1 s on, both until 5 s."""
     folder = tmp_path / "truth"
     folder.mkdir()
-    card: list[dict[str, object]] = [{"started_ns": START_NS, "rate": RATE, "inputs": ["a/ai0"]}]
+    card: list[dict[str, object]] = [{"started_ns": START_NS, "rate": RATE, "inputs": ["a/ai0", "a/ai1"]}]
     card += [
         {
             "first": at,
             "count": 50,
-            "values": {str(each): [force(each)] for each in (at, at + 9)},
+            "values": {str(each): [force(each), force(3 * each)] for each in (at, at + 9)},
             "counted": {str(each): [counts(each)] for each in (at, at + 9)},
             "read": at,
         }
@@ -114,6 +114,7 @@ def found(
         log.add_metadata("scenario", {"toml": SCENARIO})
         log.add_metadata("run", {"emulated": "card encoder"})
         log.declare("measured", Channel("force", "N", scale=2.0, raw_unit="V"))
+        log.declare("measured", Channel("strain", "N", scale=1.0, raw_unit="V"))
         log.declare("measured", Channel("crank.angle", "rad", scale=SCALE, raw_unit="count"))
         log.declare("measured", Channel("encoder.angle", "rad", scale=SCALE, raw_unit="count"))
         log.declare("measured", Channel("room.temperature", "°C"))
@@ -123,10 +124,12 @@ def found(
         for first in range(0, MADE - BEGIN, BLOCK):
             index, time_ns = np.arange(first, first + BLOCK), sample_time_ns(begin_ns, first, RATE)
             shown = np.array([2.0 * force(BEGIN + each) for each in index.tolist()], np.float32)
+            bent = np.array([force(3 * (BEGIN + each)) for each in index.tolist()], np.float32)
             turned = np.array([counts(BEGIN - 1000 + each) * SCALE for each in index.tolist()])
             passed = np.array([(counts(BEGIN + each) + TURN * each) * SCALE for each in index.tolist()])
             blocks = [
                 SampleBlock("force", first, time_ns, RATE, shown),
+                SampleBlock("strain", first, time_ns, RATE, bent),
                 SampleBlock("crank.angle", first, time_ns, RATE, passed),
             ]
             if first % round(RATE / ASKED_HZ) == 0:
@@ -281,6 +284,30 @@ def test_a_crash_costs_nothing_of_what_the_card_made_and_nobody_read(truth: Path
         return None if block.first_sample >= 1.5 * block.sample_rate else block
 
     assert found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS) == ""
+
+
+@pytest.mark.parametrize(("read", "words"), [(BEGIN + 400, ""), (BEGIN + 1600, "force: declared, but")])
+def test_a_crash_may_cost_a_channel_all_of_a_record_that_has_just_begun(
+    truth: Path, read: int, words: str
+) -> None:
+    """And what the others hold is still looked for at their own inputs."""
+    lines = [json.loads(line) for line in (truth / "daq_card-1.jsonl").read_text().splitlines()]
+    told = [line | {"read": min(line["read"], read)} if "read" in line else line for line in lines]
+    (truth / "daq_card-1.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in told))
+
+    def cut(block: SampleBlock) -> SampleBlock | None:
+        late = block.first_sample > 0 and block.channel != "encoder.angle"
+        return None if late or block.channel == "force" else block
+
+    def wrong(block: SampleBlock) -> SampleBlock | None:
+        kept = cut(block)
+        return replace(kept, values=kept.values[::-1]) if kept and kept.channel == "strain" else kept
+
+    said = found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS)
+    assert words in said if words else said == ""
+    (truth.parent / RUN_NAME).unlink()
+    said = found(truth.parent, wrong, name=RUN_NAME, ends=None, cut_ns=CRASH_NS)
+    assert "the values of strain" in said
 
 
 def test_a_disk_that_failed_holds_what_was_sent_before(truth: Path) -> None:
