@@ -44,8 +44,8 @@ MOST_MB_AN_HOUR: Final = 1.0
 _OF_THE_TWIN = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y",
                 "crank.angle", "crank.marker")  # fmt: skip
 _PICTURE = PlanarCrankPicture(0.150, 0.564, 1e-3, 1e-3, 20.0)
-_BY_MALLOC = {"PYTHONMALLOC": "malloc", "MALLOC_ARENA_MAX": "1"}
-"""So that all of it is counted in one place."""
+_BY_MALLOC = {"PYTHONMALLOC": "malloc", "MALLOC_ARENA_MAX": "1", "RUST_LOG": "off"}
+"""So that all of it is counted in one place; and what Rerun says of itself is not printed."""
 _EVERY_S = 60.0
 
 
