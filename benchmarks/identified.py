@@ -37,7 +37,7 @@ from benchmarks.blind.crank.rig import CRANK_X, CRANK_Y, PISTON_Y
 from benchmarks.blind.engines import engine_of
 from benchmarks.blind.intervals import wilson
 from benchmarks.blind.logs import write_log
-from benchmarks.blind.operating_points import PointOfRun, points, scenario_text
+from benchmarks.blind.operating_points import CRANK_RPM, PointOfRun, points, scenario_text
 from rig.diagnosis.health import band_of
 from rig.diagnosis.identify import wide_of
 from rig.diagnosis.recordings import recorded_alone
@@ -70,8 +70,8 @@ FREE: Final = {
 _SEEDS: Final = {rig: number for number, rig in enumerate(FREE)}
 RUNS, BUDGET_S = 2, {"rigs": 3600.0, "effects": 60.0}
 LEARN, WIDER, HEALTHY, LONGEST_S = 5, 2.0, 48, 20.0
-STRIKES_FROM: Final = 190 * np.pi / 30
-"""rad/s: at 150 rpm and less a spatial crank does not strike (decision 5)."""
+STRIKES_FROM: Final = 170 * np.pi / 30
+"""rad/s. A spatial crank begins to strike at some 150 rpm, by its clearances (decision 5)."""
 FARTHEST: Final = 3.0
 """Of ten healthy deviations: farther no rig lies."""
 HOLD, GAP, WALL_S, POINTS, CALLED_OFF = (0.88, 0.99), 1.15, 300.0, 0.05, 3 / 60
@@ -172,10 +172,13 @@ BUILT: Final[Mapping[str, Callable[[Mapping[str, float], Any], Any]]] = {
 
 
 def points_of(rig: str, runs: int, rng: np.random.Generator) -> tuple[PointOfRun, ...]:
-    """Settings with the gaps of the first; of the spatial crank such as strike, or they would be refused."""
+    """Settings with the gaps of the first; spatial cranks turn fast enough to strike, or would be refused."""
     first, *others = points(rig, runs, rng)
-    while rig == SPATIAL and min(float(each["speed"]) for each in (first, *others)) < STRIKES_FROM:
-        first, *others = points(rig, runs, rng)
+    if rig == SPATIAL:
+        low, high = (each * np.pi / 30 for each in CRANK_RPM)
+        share = (high - STRIKES_FROM) / (high - low)
+        for each in (first, *others):
+            each["speed"] = STRIKES_FROM + share * (float(each["speed"]) - low)
     gaps = {key: value for key, value in first.items() if "clearance" in key}
     return (first, *({**each, **gaps} for each in others))
 

@@ -84,24 +84,36 @@ if not getattr(config, "CACHE_LOCATOR_CLASSES", ""):
     setattr(config, "CACHE_LOCATOR_CLASSES", ",".join([*_ours, _numbas]))  # noqa: B010 - not in its stubs
 
 
+def _kept(kernel: Callable[P, T]) -> Callable[P, T]:
+    """A kernel whose index of machine code is read only if it is of these sources.
+
+    numba reads all of an index before it looks at its stamp, and fails where that names a class that is gone.
+    """
+    cache: Any = getattr(kernel, "_cache", None)
+    file = getattr(cache, "_cache_file", None)
+    if file is not None:
+        file._version = f"{file._version} {cache._impl.locator.get_source_stamp()}"
+    return kernel
+
+
 def compiled(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a kernel, to be called from Python or from other kernels."""
-    return cast(Callable[P, T], njit(**_OPTIONS)(function))
+    return _kept(njit(**_OPTIONS)(function))
 
 
 def strict(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a kernel that rounds just as it is written. Nothing in it may allocate."""
-    return cast(Callable[P, T], njit(**_STRICT)(function))
+    return _kept(njit(**_STRICT)(function))
 
 
 def strict_inlined(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a piece of such a kernel into whatever calls it."""
-    return cast(Callable[P, T], njit(**_STRICT, inline="always")(function))
+    return _kept(njit(**_STRICT, inline="always")(function))
 
 
 def inlined(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a piece of a kernel into whatever calls it."""
-    return cast(Callable[P, T], njit(**_OPTIONS, inline="always")(function))
+    return _kept(njit(**_OPTIONS, inline="always")(function))
 
 
 def allocation_free(function: Callable[P, T]) -> Callable[P, T]:
@@ -109,12 +121,12 @@ def allocation_free(function: Callable[P, T]) -> Callable[P, T]:
 
     Nothing in it may allocate.
     """
-    return cast(Callable[P, T], njit(**_UNCOUNTED)(function))
+    return _kept(njit(**_UNCOUNTED)(function))
 
 
 def allocation_free_inlined(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a piece of such a kernel into whatever calls it."""
-    return cast(Callable[P, T], njit(**_UNCOUNTED, inline="always")(function))
+    return _kept(njit(**_UNCOUNTED, inline="always")(function))
 
 
 # All of fast arithmetic but the promises that there is no infinity and no NaN: the integrator looks for them.
@@ -124,7 +136,7 @@ _UNCHECKED: dict[str, Any] = {"fastmath": _ARITHMETIC, "_nrt": False, "error_mod
 
 def mechanical(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a kernel without reference counting or exceptions."""
-    return cast(Callable[P, T], njit(**_UNCHECKED, cache=True)(function))
+    return _kept(njit(**_UNCHECKED, cache=True)(function))
 
 
 def generic(function: Callable[P, T]) -> Callable[P, T]:
@@ -132,7 +144,7 @@ def generic(function: Callable[P, T]) -> Callable[P, T]:
 
     Not cached itself: what a rig compiles with its own functions is.
     """
-    return cast(Callable[P, T], njit(**_UNCHECKED, forceinline=True)(function))
+    return _kept(njit(**_UNCHECKED, forceinline=True)(function))
 
 
 def written_twice(numbers: Callable[P, T], vectors: Callable[..., Any]) -> Callable[P, T]:

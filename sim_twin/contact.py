@@ -13,7 +13,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from sim_twin.compiled import inlined, written_twice
-from sim_twin.vector import Vector, root, signed, where_positive
+from sim_twin.vector import Vector, power, root, signed, touches, where_positive
 
 _LEAST_RAMP = 1e-300
 
@@ -56,8 +56,12 @@ def _power(d: float, exponent: float) -> float:
     return d if exponent == 1.0 else float(d**exponent)
 
 
-def _powers(d: Vector, exponent: Vector) -> Vector:  # 1 and 1.5 are all there is
-    return where_positive(exponent - 1.25, d * root(d), d)
+def _powers(d: Vector, exponent: Vector) -> Vector:
+    made = where_positive(exponent - 1.25, d * root(d), d)  # of 1.5 and of 1
+    other = abs(abs(exponent - 1.25) - 0.25)
+    if touches(other):  # which takes much longer
+        made = where_positive(other, power(d, exponent), made)
+    return made
 
 
 _to_the_power = written_twice(_power, _powers)
@@ -70,7 +74,8 @@ def contact_forces(law: ContactLaw, d: float, rate: float, v0: float) -> tuple[f
     Both are zero without penetration and where `v0` is 0: the contact is open.
     """
     elastic = law.stiffness * _to_the_power(max(d, 0.0), law.exponent)
-    force = max(0.0, elastic * (1.0 + (law.hysteresis / v0) * rate) + law.damping * rate)
+    latched = where_positive(v0, v0, 1.0)
+    force = max(0.0, elastic * (1.0 + (law.hysteresis / latched) * rate) + law.damping * rate)
     touching = where_positive(d, v0, 0.0)
     return where_positive(touching, force, 0.0), where_positive(touching, elastic, 0.0)
 

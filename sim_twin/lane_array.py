@@ -211,6 +211,29 @@ def in_lanes(typing: Any, table: Any, like: Any) -> Any:
     return kind(table, like), generate
 
 
+@_emitted
+def all_in_lanes(typing: Any, arrays: Any) -> Any:
+    """A named tuple of arrays, those of float64 with the lanes last as arrays of vectors."""
+
+    def in_work(kind: Any) -> Any:
+        of_lanes = isinstance(kind, types.Array) and kind.dtype == types.float64 and kind.ndim > 1
+        return LaneArrayType(kind.ndim - 1) if of_lanes else kind
+
+    made = types.NamedTuple([in_work(each) for each in _types(arrays)], arrays.instance_class)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        members = []
+        for kind, one in zip(_types(arrays), cgutils.unpack_tuple(builder, args[0]), strict=True):
+            if isinstance(in_work(kind), LaneArrayType):
+                given = context.make_array(kind)(context, builder, one)
+                shape = cgutils.unpack_tuple(builder, given.shape, kind.ndim)[:-1]
+                one = _made(context, builder, in_work(kind), given.data, shape)
+            members.append(one)
+        return context.make_tuple(builder, made, members)
+
+    return made(arrays), generate
+
+
 def _numbers(parameters: Any) -> Iterator[float]:
     if isinstance(parameters, float):
         yield parameters

@@ -1,8 +1,8 @@
 """Eight numbers at a time: what kernels over lanes are written in.
 
 A `Vector` exists only inside compiled kernels and stays in one register (or two where registers are shorter).
-Each operation is one IEEE operation per lane, in the order written, so that a lane's bits do not depend on
-its neighbours; `fused` rounds once.
+An operation is one instruction for all lanes, so that a lane's bits do not depend on its neighbours. In
+`strict` kernels each is one IEEE operation, in the order written; `fused` rounds once.
 """
 
 from __future__ import annotations
@@ -195,6 +195,12 @@ def root(typing: Any, a: Any) -> Any:
 
 
 @_emitted
+def power(typing: Any, a: Any, b: Any) -> Any:
+    """a to the power b, one lane after the other."""
+    return _function("pow", 2)
+
+
+@_emitted
 def magnitude(typing: Any, a: Any) -> Any:
     """Absolute value."""
     return _function("fabs", 1)
@@ -205,18 +211,20 @@ def _kind(*given: Any) -> Any:
     return VECTOR if VECTOR in given else types.float64
 
 
+def _of_kind(kind: Any, name: str, context: Any, builder: Any, args: Any) -> Any:
+    """An elementwise function of LLVM, of vectors or of numbers."""
+    form, of = context.get_value_type(kind), f"v{LANES}f64" if kind == VECTOR else "f64"
+    wanted = ir.FunctionType(form, [form] * len(args))
+    return builder.call(cgutils.get_or_insert_function(builder.module, wanted, f"llvm.{name}.{of}"), args)
+
+
 @_emitted
 def signed(typing: Any, a: Any, b: Any) -> Any:
     """The magnitude of a with the sign of b; of numbers too."""
     kind = _kind(a, b)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        form = context.get_value_type(kind)
-        of = "v8f64" if kind == VECTOR else "f64"
-        function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(form, [form] * 2), f"llvm.copysign.{of}"
-        )
-        return builder.call(function, args)
+        return _of_kind(kind, "copysign", context, builder, args)
 
     return kind(kind, kind), generate
 
@@ -248,12 +256,14 @@ def touches(typing: Any, a: Any) -> Any:
 
 @_emitted
 def fused_less(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """c - a b, rounded once."""
+    """c - a b, rounded once; of numbers too."""
+    kind = _kind(a, b, c)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _function("fma", 3)[1](context, builder, sig, [builder.fneg(args[0]), *args[1:]])
+        negative = builder.fneg(args[0])
+        return _of_kind(kind, "fma", context, builder, [negative, *args[1:]])
 
-    return VECTOR(VECTOR, VECTOR, VECTOR), generate
+    return kind(kind, kind, kind), generate
 
 
 @_emitted

@@ -14,7 +14,7 @@ from benchmarks.blind.catalogue import BEAM, CRANK, SPATIAL
 PointOfRun: TypeAlias = dict[str, float | str]
 """What a truth engine takes: SI numbers by name, and the beam's material."""
 
-_DURATION_S, _CRANK_RPM, _RATES_HZ = (3.0, 12.0), (100.0, 260.0), (25_600.0, 51_200.0)
+_DURATION_S, CRANK_RPM, _RATES_HZ = (3.0, 12.0), (100.0, 260.0), (25_600.0, 51_200.0)
 _BEAM_HZ, _BEAM_N, _BEAM_GAP_MM = (5.0, 40.0), (6.0, 12.0), (0.1, 0.5)
 _CRANK_GAP_MM, _SPATIAL_GAP_MM, _SPATIAL_DEG = (0.5, 2.0), (0.1, 0.6), (65.0, 90.0)
 _SETTLE_S = 1.0
@@ -69,7 +69,7 @@ def _spatial(share: float, rng: np.random.Generator) -> PointOfRun:
 
 
 def _crank_speed(share: float) -> float:
-    low, high = _CRANK_RPM
+    low, high = CRANK_RPM
     return round(low + share * (high - low)) * math.pi / 30
 
 

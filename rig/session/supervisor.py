@@ -95,6 +95,7 @@ class Supervisor:
         self._line_seen: EmergencyStop | None = None
         self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
+        # What it frees is hardly anything.
         watched = spare, locks, emulated, by_hand, line, latch, hurry_s
         self._child = Child(
             "supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None, keeps_memory=True

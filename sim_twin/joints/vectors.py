@@ -6,7 +6,7 @@ from math import floor, sqrt
 
 from sim_twin.compiled import inlined, written_twice
 from sim_twin.vector import Vector as Eight
-from sim_twin.vector import where_positive
+from sim_twin.vector import fused_less, where_positive
 
 Vector = tuple[float, float, float]
 Rotation = tuple[Vector, Vector, Vector]
@@ -127,11 +127,17 @@ def _series(x: float) -> tuple[float, float]:
     return x + x * z * s, 1.0 - 0.5 * z + z2 * c
 
 
+@inlined
+def _reduced(angle: float, quarter: float) -> float:
+    # Fused, for fast arithmetic would add the two parts up first.
+    return float(fused_less(quarter, _REST, fused_less(quarter, _RIGHT_ANGLE, angle)))
+
+
 def _sine_cosine(angle: float) -> tuple[float, float]:
     if abs(angle) < _EIGHTH:
         return _series(angle)
     quarter = floor(angle * _TURNS + 0.5)
-    s, c = _series((angle - quarter * _RIGHT_ANGLE) - quarter * _REST)
+    s, c = _series(_reduced(angle, quarter))
     quadrant = int(quarter)
     sine, cosine = (c, s) if (quadrant & 1) != 0 else (s, c)
     sine = -sine if (quadrant & 2) != 0 else sine
@@ -141,7 +147,7 @@ def _sine_cosine(angle: float) -> tuple[float, float]:
 
 def _sines_cosines(angle: Eight) -> tuple[Eight, Eight]:
     quarter = floor(angle * _TURNS + 0.5)
-    s, c = _series((angle - quarter * _RIGHT_ANGLE) - quarter * _REST)
+    s, c = _series(_reduced(angle, quarter))
     quadrant = quarter - 4.0 * floor(0.25 * quarter)
     swapped = 0.5 - abs(abs(quadrant - 2.0) - 1.0)  # 1 and 3
     sine, cosine = where_positive(swapped, c, s), where_positive(swapped, s, c)

@@ -55,13 +55,17 @@ def may_touch(run: Run, h: float) -> bool:
 
 
 @mechanical
-def _may_overlap(run: Run, j: int, h: float) -> bool:
+def may_overlap(d: float, rate: float, new_d: float, new_rate: float, h: float) -> bool:
+    """Whether a depth with these ends and rates may be above zero within a step of `h` s."""
     # Near its summit the depth is concave, so it stays under both its tangents.
-    d, rate, new_rate = run.penetration[j], run.rate[j], run.new_rate[j]
     if rate <= 0.0 or new_rate >= 0.0:
         return False
-    bound = d + rate * (run.new_penetration[j] - d - new_rate * h) / (rate - new_rate)
-    return bool(bound > 0.0)
+    return bool(d + rate * (new_d - d - new_rate * h) / (rate - new_rate) > 0.0)
+
+
+@mechanical
+def _may_overlap(run: Run, j: int, h: float) -> bool:
+    return may_overlap(run.penetration[j], run.rate[j], run.new_penetration[j], run.new_rate[j], h)
 
 
 @generic
@@ -104,7 +108,7 @@ def refine_onset(
     rates: Rates, depths: Depths, p: Any, run: Run, reach: float, t: float, h: float, longest: float
 ) -> float:
     """Take the step again up to the onset, near `h` s, until the deepest new overlap is within `reach`."""
-    for _ in range(RETAKES):
+    for tried in range(RETAKES):
         attempt(rates, p, run, t, h)
         depths(p, t + h, run.trial, run.new_penetration, run.new_rate)
         deepest = -1
@@ -114,7 +118,7 @@ def refine_onset(
             ):
                 deepest = j
         d, rate = run.new_penetration[deepest], run.new_rate[deepest]
-        if 0.0 < d < reach or rate <= 0.0:
+        if 0.0 < d < reach or rate <= 0.0 or tried + 1 == RETAKES:
             break
         h = min(longest, max(0.0, h - (d - 0.5 * reach) / rate))
     return h

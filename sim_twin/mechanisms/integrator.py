@@ -51,7 +51,7 @@ from sim_twin.mechanisms.run import (
 Observe = Callable[..., None]
 COMPLETED, DIVERGED, STEPS_EXHAUSTED = range(3)
 """Values of status.Status."""
-_SAFETY, MOST_SHRINK, _MOST_GROWTH = 0.9, 0.2, 6.0
+_SAFETY, _MOST_SHRINK, _MOST_GROWTH = 0.9, 0.2, 6.0
 _EXPONENT, _LEAST_ERROR, FRESH_ERROR = 0.04, 1e-8, 1e-4
 
 
@@ -135,7 +135,7 @@ def _advance(
 @mechanical
 def shorter_step(error: float, h: float) -> float:
     """The step in s after one of `h` s whose squared error is above 1, or none."""
-    return h * max(MOST_SHRINK, _SAFETY * error**-0.1) if isfinite(error) else MOST_SHRINK * h
+    return h * max(_MOST_SHRINK, _SAFETY * error**-0.1) if isfinite(error) else _MOST_SHRINK * h
 
 
 @mechanical
@@ -146,7 +146,7 @@ def next_step(error: float, before: float, h: float) -> tuple[float, float]:
     """
     error = max(error, _LEAST_ERROR)
     power = (before / (error * error * error * error)) ** (0.5 * _EXPONENT)
-    return error, h * min(_MOST_GROWTH, max(MOST_SHRINK, _SAFETY * power))
+    return error, h * min(_MOST_GROWTH, max(_MOST_SHRINK, _SAFETY * power))
 
 
 @generic

@@ -11,8 +11,8 @@ from math import isfinite
 from typing import Any
 
 from sim_twin.compiled import generic, mechanical
-from sim_twin.lane_array import in_lanes
-from sim_twin.mechanisms.contacts import BISECTIONS, NO_ONSET, RETAKES, SECANTS, Depths
+from sim_twin.lane_array import all_in_lanes, in_lanes
+from sim_twin.mechanisms.contacts import BISECTIONS, NO_ONSET, RETAKES, SECANTS, Depths, may_overlap
 from sim_twin.mechanisms.dormand_prince import Rates, attempt, dense, set_dense, squared_error
 from sim_twin.mechanisms.integrator import (
     DIVERGED,
@@ -47,7 +47,6 @@ from sim_twin.mechanisms.lane_run import (
     WHOLE,
     LaneRun,
     Lanes,
-    in_work,
 )
 from sim_twin.mechanisms.run import Real, StepLimits
 from sim_twin.vector import LANES, repeated, store, where_positive
@@ -58,7 +57,7 @@ _NOTHING, _SUMMIT, _CROSSING = range(3)
 @generic
 def begin_lanes(rates: Rates, depths: Depths, p: Any, run: LaneRun, limits: StepLimits) -> None:
     """Set up runs that are at their first state."""
-    at = in_work(run)
+    at = all_in_lanes(run)
     depths(p, at.clock[NOW], at.y, at.penetration, at.rate)
     for lane in range(LANES):
         _follow_contacts(run, limits, lane)
@@ -80,7 +79,7 @@ def advance_lanes(
     `like` are those of one run. A lane that fails has its status in `run.counts[GOING]`, negative, and leaves
     the columns alone that it did not reach.
     """
-    p, at = in_lanes(table, like), in_work(run)
+    p, at = in_lanes(table, like), all_in_lanes(run)
     count = out.shape[2] - SPARE
     for lane in range(LANES):
         if run.counts[GOING, lane] >= 0:
@@ -94,7 +93,7 @@ def advance_lanes(
                     run.counts[GOING, lane] = 0
                 elif run.counts[TRIES, lane] >= limits.budget:
                     run.counts[GOING, lane] = -STEPS_EXHAUSTED
-                run.counts[TRIES, lane] += 1
+                run.counts[TRIES, lane] += run.counts[RETAKEN, lane] == 0
             going = going or run.counts[GOING, lane] == 1
         if not going:
             return
@@ -197,13 +196,8 @@ def _judge(run: LaneRun, limits: StepLimits, lane: int) -> None:
 
 @mechanical
 def _may_overlap(run: LaneRun, j: int, lane: int) -> bool:
-    # Near its summit the depth is concave, so it stays under both its tangents.
-    d, rate, new_rate = run.penetration[j, lane], run.rate[j, lane], run.new_rate[j, lane]
-    if rate <= 0.0 or new_rate >= 0.0:
-        return False
-    h = run.clock[TRIED, lane]
-    bound = d + rate * (run.new_penetration[j, lane] - d - new_rate * h) / (rate - new_rate)
-    return bool(bound > 0.0)
+    d, rate, h = run.penetration[j, lane], run.rate[j, lane], run.clock[TRIED, lane]
+    return may_overlap(d, rate, run.new_penetration[j, lane], run.new_rate[j, lane], h)
 
 
 @mechanical

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.compiled import mechanical
-from sim_twin.lane_array import LaneArray, lanes_of
 from sim_twin.mechanisms.run import Real
 from sim_twin.vector import LANES
 
@@ -59,43 +57,3 @@ class LaneRun(NamedTuple):
     counts: Index
     floor: Real
     """(8,) m/s; see `StepLimits`."""
-
-
-class InWork(NamedTuple):
-    """The arrays of a `LaneRun` that kernels compute with, as arrays of vectors."""
-
-    y: LaneArray
-    trial: LaneArray
-    slopes: LaneArray
-    dense: LaneArray
-    kept: LaneArray
-    latched: LaneArray
-    during: LaneArray
-    penetration: LaneArray
-    rate: LaneArray
-    new_penetration: LaneArray
-    new_rate: LaneArray
-    new_force: LaneArray
-    late_force: LaneArray
-    between: LaneArray
-    sought_penetration: LaneArray
-    sought_rate: LaneArray
-    tolerance: LaneArray
-    clock: LaneArray
-    sought: LaneArray
-    accepted: LaneArray
-    changed: LaneArray
-    shown: LaneArray
-
-
-@mechanical
-def in_work(run: LaneRun) -> Any:
-    """The arrays of a run as `InWork`."""
-    return InWork(
-        lanes_of(run.y), lanes_of(run.trial), lanes_of(run.slopes), lanes_of(run.dense), lanes_of(run.kept),
-        lanes_of(run.latched), lanes_of(run.during), lanes_of(run.penetration), lanes_of(run.rate),
-        lanes_of(run.new_penetration), lanes_of(run.new_rate), lanes_of(run.new_force),
-        lanes_of(run.late_force), lanes_of(run.between), lanes_of(run.sought_penetration),
-        lanes_of(run.sought_rate), lanes_of(run.tolerance), lanes_of(run.clock), lanes_of(run.sought),
-        lanes_of(run.accepted), lanes_of(run.changed), lanes_of(run.shown),
-    )  # fmt: skip

@@ -59,12 +59,17 @@ class LaneSimulation:
         self._statuses = [Status.COMPLETED] * len(lanes)
         kinds: dict[tuple[object, ...], list[int]] = {}
         for number, lane in enumerate(lanes):
-            kinds.setdefault((len(lane.y), *shapes(lane.parameters)), []).append(number)
+            in_common = lane.limits._replace(tolerance=np.empty(0), floor=0.0)  # these two are a lane's own
+            kind = (len(lane.y), *shapes(lane.parameters), *in_common[1:])
+            kinds.setdefault(kind, []).append(number)
         self._groups = [
             _Group(kernel, [lanes[number] for number in alike[first : first + LANES]], alike[first:])
             for alike in kinds.values()
             for first in range(0, len(alike), LANES)
         ]
+        for group in self._groups:
+            for number, status in group.statuses:
+                self._statuses[number] = status
 
     @property
     def statuses(self) -> Sequence[Status]:
@@ -78,8 +83,10 @@ class LaneSimulation:
         """
         found = [np.empty(0)] * len(self._statuses)
         for group in self._groups:
-            for number, rows, status in group.advance(self._step, self._samples, count):
-                found[number], self._statuses[number] = rows, status
+            for number, rows in group.advance(self._step, self._samples, count):
+                found[number] = rows
+            for number, status in group.statuses:
+                self._statuses[number] = status
         self._samples += count
         return found
 
@@ -97,17 +104,24 @@ class _Group:
         self._run, self._out = _begun(full, kernel), np.empty((0, 0, 0))
         kernel.begin(self._like, self._table, self._run, self._limits)
 
-    def advance(self, step: float, first: int, count: int) -> Iterator[tuple[int, Real, Status]]:
-        """Number, samples and status of each."""
+    @property
+    def statuses(self) -> Iterator[tuple[int, Status]]:
+        """Number and status of each."""
+        for lane, number in enumerate(self._numbers):
+            code = int(self._run.counts[GOING, lane])
+            yield number, Status(-code) if code < 0 else Status.COMPLETED
+
+    def advance(self, step: float, first: int, count: int) -> Iterator[tuple[int, Real]]:
+        """Number and samples of each."""
         if self._out.shape[2] != count + SPARE:
             self._out = np.empty((LANES, self._kernel.outputs, count + SPARE))
         out = self._out
         limits = self._limits._replace(budget=int(self._limits.budget * max(1.0, count * step)))
         self._kernel.advance(self._like, self._table, self._each, self._run, limits, step, first, out)
         for lane, number in enumerate(self._numbers):
-            code, reached = int(self._run.counts[GOING, lane]), int(self._run.counts[SAMPLES, lane]) - first
+            reached = int(self._run.counts[SAMPLES, lane]) - first
             out[lane, :, max(reached, 0) :] = 0.0
-            yield number, out[lane, :, :count], Status(-code) if code < 0 else Status.COMPLETED
+            yield number, out[lane, :, :count]
 
 
 def _begun(lanes: Sequence[Lane], kernel: Kernel) -> LaneRun:

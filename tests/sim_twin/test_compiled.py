@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
+from copy import copy
+from pathlib import Path
+
+import pytest
+
 import sim_twin.compiled as compiled_module
 from sim_twin.switched import kernel
 
@@ -28,3 +34,18 @@ def test_a_change_in_a_source_beside_it_does_not(monkeypatch) -> None:
 def test_the_kernels_are_stamped_so() -> None:
     locator = kernel._run._cache._impl.locator  # numba keeps it there
     assert locator.get_source_stamp() == stamp()
+
+
+def test_what_other_sources_were_compiled_to_is_not_even_read(tmp_path: Path) -> None:
+    """Not a class that they had and these have not."""
+    file = copy(kernel._run._cache._cache_file)  # numba keeps it there
+    file._index_path = str(tmp_path / "index")
+    names_a_class_that_is_gone = b"csim_twin.compiled\nGone\n."
+    Path(file._index_path).write_bytes(pickle.dumps("of other sources") + names_a_class_that_is_gone)
+    assert file._load_index() == {}
+    file._save_index({})
+    assert file._load_index() == {}
+    assert Path(file._index_path).read_bytes() != b""
+    Path(file._index_path).write_bytes(pickle.dumps(file._version) + names_a_class_that_is_gone)
+    with pytest.raises(AttributeError, match="Gone"):  # of these sources it would be
+        file._load_index()

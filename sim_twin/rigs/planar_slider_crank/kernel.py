@@ -207,5 +207,5 @@ def advance(
     advance_lanes(rates, depths, observe, like, table, each, state, limits, dt, first, out)
 
 
-LANES = Kernel(begin, advance, CONTACTS, OUTPUTS)
+SIDE_BY_SIDE = Kernel(begin, advance, CONTACTS, OUTPUTS)
 """Eight runs of it side by side."""

@@ -254,7 +254,7 @@ class CrankTruths:
             rig, drive = twin.rig, twin.drive
             y = _state(rig, drive, angle_after(drive, phase, 0.0))
             lanes.append(Lane(numbers(rig, drive), y, step_limits(rig)))
-        self._simulation = LaneSimulation(kernel.LANES, lanes, 1 / rate)
+        self._simulation = LaneSimulation(kernel.SIDE_BY_SIDE, lanes, 1 / rate)
         self._shown = [Shown(twin.rig, rate) for twin in twins]
 
     def advance(self, steps: int) -> Array:

@@ -108,11 +108,11 @@ def advance(
     like: Constants, table: Lanes, each: Lanes, state: LaneRun, limits: StepLimits, dt: float, first: int,
     out: Real,
 ) -> None:  # fmt: skip
-    """Fill `out` (8, 12, count) with the next samples of eight runs; see `advance_lanes`."""
+    """Fill `out` (8, 12, count + SPARE) with the next samples of eight runs; see `advance_lanes`."""
     advance_lanes(rates, depths, observe, like, table, each, state, limits, dt, first, out)
 
 
-LANES = Kernel(begin, advance, CONTACTS, OUTPUTS)
+SIDE_BY_SIDE = Kernel(begin, advance, CONTACTS, OUTPUTS)
 """Eight runs of it side by side."""
 
 

@@ -168,7 +168,7 @@ class SpatialTruths:
         for twin, phase in zip(twins, phases, strict=True):
             p = constants(twin.rig, twin.drive)
             lanes.append(Lane(p, ideal_state(p, angle_after(twin.drive, phase, 0.0)), step_limits(twin.rig)))
-        self._simulation = LaneSimulation(kernel.LANES, lanes, 1 / rate)
+        self._simulation = LaneSimulation(kernel.SIDE_BY_SIDE, lanes, 1 / rate)
 
     def advance(self, steps: int) -> Array:
         """Next `steps` of the grid, shape (twins, channels, steps)."""

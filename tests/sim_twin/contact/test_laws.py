@@ -96,6 +96,7 @@ def test_no_law_pulls() -> None:
     for law in (linear(1e7, 100.0), lankarani_nikravesh(K, 0.1)):
         assert contact_forces(law, 1e-6, -100.0, 0.01)[0] == 0.0
         assert contact_forces(law, -1e-6, 1.0, 0.01) == (0.0, 0.0)
+        assert contact_forces(law, 1e-6, 1.0, 0.0) == (0.0, 0.0)  # it is open
 
 
 def test_friction_sets_in_between_its_two_speeds() -> None:

@@ -10,7 +10,7 @@ from numba import njit
 from numba.core.errors import TypingError
 from numpy.typing import NDArray
 
-from sim_twin.compiled import mechanical
+from sim_twin.compiled import generic
 from sim_twin.contact import ContactLaw, Friction, contact_forces, friction_share
 from sim_twin.joints.vectors import sine_cosine
 from sim_twin.lane_array import in_lanes, lanes_of, packed, shapes
@@ -31,11 +31,11 @@ class Numbers(NamedTuple):
 
 
 def parameters(number: int) -> Numbers:
-    law = ContactLaw(2.0 + number, 1.0 if number % 2 else 1.5, 0.3, 0.1)
+    law = ContactLaw(2.0 + number, (1.5, 1.0, 1.2)[number % 3], 0.3, 0.1)
     return Numbers(1.0 + number, 3, RNG.standard_normal((2, 3)), law, Friction(0.4, 0.1, 0.5))
 
 
-@mechanical
+@generic
 def kernel(p: Numbers, y: Array, v0: Array, out: Array) -> None:
     total = 0.0
     for row in range(p.rows):
@@ -69,14 +69,26 @@ def test_lanes_of_a_kernel_are_what_it_makes_of_numbers() -> None:
     assert np.count_nonzero(out[1]) >= 2
 
 
-def test_sines_and_cosines_in_every_quadrant() -> None:
-    angles = np.concatenate([np.linspace(-7.0, 7.0, 40 * LANES), [1e4] * LANES]).reshape(-1, LANES)
-    for eight in angles:
-        y, out = aligned((2, 3, LANES)), aligned((8, LANES))
-        y[0, 0] = eight / 20.0
-        in_eight(packed([parameters(0)] * LANES), parameters(0), y, aligned((2, LANES)), out)
-        np.testing.assert_allclose(out[4], np.sin(20.0 * (eight / 20.0)), atol=1e-12)
-        np.testing.assert_allclose(out[5], np.cos(20.0 * (eight / 20.0)), atol=1e-12)
+@generic
+def turned(angles: Array, out: Array) -> None:
+    for k in range(angles.size):
+        out[k, 0], out[k, 1] = sine_cosine(angles[k])
+
+
+@njit
+def turned_in_eight(angles: Array, out: Array) -> None:
+    turned(lanes_of(angles), lanes_of(out))
+
+
+def test_sines_and_cosines_are_within_what_is_promised_up_to_1e5_rad() -> None:
+    near, far = np.linspace(-7.0, 7.0, 400), RNG.uniform(-1e5, 1e5, 400)
+    angles = np.concatenate([near, far]).reshape(-1, LANES)
+    out, alone = aligned((len(angles), 2, LANES)), np.zeros((angles.size, 2))
+    turned_in_eight(angles, out)
+    turned(angles.ravel(), alone)
+    for found in (np.moveaxis(out, 1, 2).reshape(-1, 2), alone):
+        np.testing.assert_allclose(found[:, 0], np.sin(angles.ravel()), atol=5e-16, rtol=0.0)
+        np.testing.assert_allclose(found[:, 1], np.cos(angles.ravel()), atol=5e-16, rtol=0.0)
 
 
 def test_what_does_not_fit_an_array_of_vectors_is_refused() -> None:
@@ -84,7 +96,7 @@ def test_what_does_not_fit_an_array_of_vectors_is_refused() -> None:
     def too_many(y: Array) -> None:
         lanes_of(y)[0, 0, 0] = 1.0
 
-    with pytest.raises(TypingError):
+    with pytest.raises(TypingError, match="item"):
         too_many(aligned((2, 3, LANES))[0])
 
 

@@ -71,4 +71,4 @@ def advance(
     advance_lanes(rates, depths, observe, like, table, each, state, limits, dt, first, out)
 
 
-LANES = Kernel(begin, advance, contacts=1, outputs=3)
+SIDE_BY_SIDE = Kernel(begin, advance, contacts=1, outputs=3)

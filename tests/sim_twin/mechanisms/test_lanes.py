@@ -27,7 +27,7 @@ from tests.sim_twin.mechanisms.falling_mass import FallingMass
 
 HEIGHT, GRAVITY, STEP = 0.01, 9.81, 1e-3
 LIMITS = StepLimits(1e-9 * np.array([1e-3, 1.0, 1.0]), 1e-2, 1e-14, 1e-6, 0.01, 1e-12, 10**6)
-LAWS = (hertz(1e9), linear(1e6, 20.0), lankarani_nikravesh(1e9, 0.5), lankarani_nikravesh(1e8, 0.9))
+LAWS = (hertz(1e9), linear(1e6, 20.0), lankarani_nikravesh(1e9, 0.5), ContactLaw(1e7, 1.2, 0.1, 5.0))
 """Of Hertz and linear alike: the exponent of a law may differ from lane to lane."""
 
 
@@ -37,7 +37,7 @@ def falling(number: int, law: ContactLaw | None = None, limits: StepLimits = LIM
 
 
 def side_by_side(*lanes: Lane) -> LaneSimulation:
-    return LaneSimulation(falling_mass.LANES, lanes, STEP)
+    return LaneSimulation(falling_mass.SIDE_BY_SIDE, lanes, STEP)
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -46,7 +46,7 @@ def test_a_lane_goes_as_a_run_of_its_own(number: int) -> None:
     own = Simulation(falling_mass.run, lane.parameters, lane.y, 1, 3, LIMITS, STEP).advance(300).outputs
     together = side_by_side(*(falling(k) for k in range(6))).advance(300)[number]
     assert np.count_nonzero(own[2]) > 0  # it has met the floor
-    np.testing.assert_allclose(together[0], own[0], atol=1e-8)
+    np.testing.assert_allclose(together[0], own[0], atol=1e-8)  # a step may err by 1e-12 m; some bounces on
     assert together[2].max() == pytest.approx(own[2].max(), rel=1e-5)
 
 
@@ -61,6 +61,7 @@ def test_a_lane_that_fails_takes_no_other_along() -> None:
     nowhere = replace(falling(2), y=np.array([np.nan, 0.0, 0.0]))
     heavy = replace(falling(2), parameters=FallingMass(np.nan, GRAVITY, LAWS[0]))
     runs = side_by_side(nowhere, falling(0), heavy)
+    assert runs.statuses[0] is Status.DIVERGED  # from the start
     found = np.concatenate([np.array(runs.advance(count)) for count in (100, 200)], axis=2)
     assert runs.statuses == (Status.DIVERGED, Status.COMPLETED, Status.DIVERGED)
     assert not found[0].any()
@@ -69,9 +70,9 @@ def test_a_lane_that_fails_takes_no_other_along() -> None:
 
 
 def test_a_lane_that_takes_too_many_steps_is_told() -> None:
-    runs = side_by_side(falling(0, limits=LIMITS._replace(budget=12)))
-    [found] = runs.advance(100)
-    assert runs.statuses == (Status.STEPS_EXHAUSTED,)
+    runs = side_by_side(falling(1), falling(0, limits=LIMITS._replace(budget=12)))
+    found = runs.advance(100)[1]
+    assert runs.statuses == (Status.COMPLETED, Status.STEPS_EXHAUSTED)
     own = Simulation(falling_mass.run, falling(0).parameters, falling(0).y, 1, 3, LIMITS, STEP).advance(100)
     reached = np.count_nonzero(found[0])
     assert 0 < reached < 45  # in flight, which it does not get to the end of
@@ -96,9 +97,28 @@ def cranks(name: str) -> tuple[AnyTwin, ...]:
     return (*healthy, replace(nominal, rig=other), replace(nominal, drive=uneven))
 
 
-@pytest.mark.parametrize(("name", "rate", "steps"), [("planar", 51_200.0, 1500), ("spatial", 51_200.0, 700)])
-def test_rigs_side_by_side_strike_as_they_do_one_by_one(name: str, rate: float, steps: int) -> None:
-    twins, phases = cranks(name), list(np.linspace(0.0, tau, 5))
+STEPS = {"planar": 1500, "spatial": 700}
+"""Of 51.2 kHz: to the first strikes of a joint, before the motions have parted."""
+PHASES, RATE = np.linspace(0.0, tau, 5).tolist(), 51_200.0
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_no_crank_hangs_on_its_company(name: str) -> None:
+    twins, steps = cranks(name), STEPS[name]
+    model = twins[0].model
+    assert model.side_by_side is not None
+    all_of_them = model.side_by_side.truths(twins, PHASES, RATE)
+    together = np.concatenate(
+        [all_of_them.advance(part) for part in (1, steps // 3, steps - 1 - steps // 3)], 2
+    )
+    for number, twin in enumerate(twins):
+        alone = model.side_by_side.truths([twin], [PHASES[number]], RATE)
+        assert np.array_equal(alone.advance(steps)[0], together[number]), number
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_rigs_side_by_side_strike_as_they_do_one_by_one(name: str) -> None:
+    twins, phases, rate, steps = cranks(name), PHASES, RATE, STEPS[name]
     model = twins[0].model
     assert model.side_by_side is not None
     alone = [model.truth(twin, rate, False) for twin in twins]
@@ -108,6 +128,10 @@ def test_rigs_side_by_side_strike_as_they_do_one_by_one(name: str, rate: float, 
     truths = model.side_by_side.truths(twins, phases, rate)
     together = truths.advance(steps)
     sizes = np.abs(own).max(axis=2)
-    assert np.count_nonzero(sizes) > sizes.size / 4  # in every run something has struck
+    in_joints = (
+        sizes[:, 2] if name == "planar" else sizes[:, :9].max(axis=1)
+    )  # what nothing shakes but strikes
+    assert np.all(in_joints > 0.0)
+    # by then the tolerances of the steps, 1e-6 and less, have grown to some 1e-5
     assert np.all(np.abs(together - own).max(axis=2) <= 1e-3 * sizes)
     assert set(truths.statuses) == {Status.COMPLETED}
