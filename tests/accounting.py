@@ -205,7 +205,7 @@ def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator
         zip(cards, places, strict=True), key=lambda each: len(each[1][1]), default=(None, (0, []))
     )
     for table, came, found in (
-        ("daq_card", log.measured, card),
+        ("daq_card", _came_of_card(log), card),
         ("encoder", _ENCODER in log.measured, encoder),
     ):
         if came and found is None and INSTRUMENTS[table].word in log.emulated:
@@ -230,6 +230,14 @@ def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator
     yield from _of_others(log, card, until_ns)
     if encoder is not None and "encoder.numbering" not in log.codes:
         yield from _placed_on_encoder(encoder, log, until_ns or 0)
+
+
+def _came_of_card(log: _Log) -> list[str]:
+    """What may be a card's; of what a crash cut soon after its begin, others may be all that was written."""
+    if log.written_ns is None:
+        return list(log.measured)
+    units = (*_VOLTS, *_COUNTERS)
+    return [name for name in log.measured if name != _ENCODER and log.channels[name].raw_unit in units]
 
 
 def _of_card(

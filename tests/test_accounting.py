@@ -286,6 +286,22 @@ def test_a_crash_costs_nothing_of_what_the_card_made_and_nobody_read(truth: Path
     assert found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS) == ""
 
 
+@pytest.mark.parametrize(("read", "words"), [(BEGIN + 700, ""), (BEGIN + 1600, "force: declared, but")])
+def test_a_crash_may_cost_all_of_the_card_and_leave_the_encoder(truth: Path, read: int, words: str) -> None:
+    """Of which nobody knows then which run of the card it was."""
+    [begun, *_] = (truth / "daq_card-1.jsonl").read_text().splitlines()
+    (truth / "daq_card-1.jsonl").write_text(f"{json.dumps(json.loads(begun) | {'rate': 25_600.0})}\n")
+    frames = truth / "encoder-1.jsonl"
+    frames.write_text("".join(frames.read_text().splitlines(keepends=True)[: 1 + read - 1000]))
+
+    def cut(block: SampleBlock) -> SampleBlock | None:
+        return block if block.channel == "encoder.angle" and block.end_sample <= read - BEGIN else None
+
+    cut_ns = sample_time_ns(START_NS, read, RATE)
+    said = found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=cut_ns)
+    assert words in said if words else said == ""
+
+
 @pytest.mark.parametrize(("read", "words"), [(BEGIN + 400, ""), (BEGIN + 1600, "force: declared, but")])
 def test_a_crash_may_cost_a_channel_all_of_a_record_that_has_just_begun(
     truth: Path, read: int, words: str
