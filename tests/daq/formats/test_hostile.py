@@ -142,7 +142,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked(
     before, begun = pa.total_allocated_bytes(), time.process_time()
     with bounded(), pytest.raises(LogError, match=rf"^{path}: {ODD}"):
         read(path, scratch)
-    assert pa.total_allocated_bytes() == before
+    assert pa.total_allocated_bytes() <= before  # less where something older went meanwhile
     assert time.process_time() - begun < 10.0
 
 

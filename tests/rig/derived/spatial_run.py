@@ -24,10 +24,13 @@ duration = "2.6 s"
 """
 
 
+TEN_REVOLUTIONS_S = 2.6
+
+
 @cache
-def spatial_blocks() -> list[dict[str, SampleBlock]]:
-    """Blocks of 0.1 s by channel; ten revolutions."""
-    channels, samples = recording(SPATIAL)
+def spatial_blocks(tens: int = 1) -> list[dict[str, SampleBlock]]:
+    """Blocks of 0.1 s by channel; so many times ten revolutions."""
+    channels, samples = recording(SPATIAL.replace("2.6 s", f"{tens * TEN_REVOLUTIONS_S:g} s"))
     values = samples.astype(np.float32)
     return [
         {
