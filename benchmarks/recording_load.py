@@ -74,10 +74,6 @@ emulated = true
 """
 _READ_AT_20_HZ = 'rpm_per_hz = 5.0\npoll = "50 ms"'
 _STALLS_EVERY_S = 300.0
-_OF_THE_VIEW = ("live view", "time line")
-"""Their resident memory moves by ten MB from one stall to the next, of which an hour's line is some ten MB/h
-off: what they keep is counted by `benchmarks.view_memory`, and here only held to a coarse bar."""
-_COARSE_MB_AN_HOUR = 60.0
 _BUSY_S, _IDLE_S = 2.0, 18.0
 _RATES_HZ = {"encoder": 1000.0, "inverter": 20.0}
 _COMPARED_S = 120.0
@@ -265,10 +261,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     kept = report.sound and not unaccounted and not missing and not wrong and measured == channels
     kept = kept and "derived.stopped" not in told
     within = means["acquisition"] < MOST_CPU.get(channels, 1.0)
-    level = seconds < _AN_HOUR_S or all(
-        slope < (_COARSE_MB_AN_HOUR if name.startswith(_OF_THE_VIEW) else MOST_MB_AN_HOUR)
-        for name, slope in slopes.items()
-    )
+    level = seconds < _AN_HOUR_S or max(slopes.values()) < MOST_MB_AN_HOUR
     return 0 if kept and within and level and most_mib["acquisition"] < MOST_MIB.get(channels, 1500) else 1
 
 

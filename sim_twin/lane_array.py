@@ -22,14 +22,13 @@ from numba.core.typing.templates import (
     signature,
 )
 from numba.extending import (
-    intrinsic,
     lower_builtin,
     models,
     register_model,
 )
 from numpy.typing import NDArray
 
-from sim_twin.vector import LANES, VECTOR, aligned
+from sim_twin.vector import LANES, VECTOR, aligned, emitted
 
 LaneArray: TypeAlias = Any
 """An array of vectors in the annotations of kernels."""
@@ -146,11 +145,7 @@ lower_getattr(LaneArrayType, "shape")(_shape)
 lower_getattr(LaneArrayType, "size")(_size)
 
 
-def _emitted(define: Any) -> Any:
-    return intrinsic(define)
-
-
-@_emitted
+@emitted
 def lanes_of(typing: Any, array: Any) -> Any:
     """A contiguous array of numbers, its last axis being the lanes, as an array of vectors."""
     kind = LaneArrayType(array.ndim - 1)
@@ -178,7 +173,7 @@ def _kind_in_lanes(kind: Any) -> Any:
     return kind
 
 
-@_emitted
+@emitted
 def in_lanes(typing: Any, table: Any, like: Any) -> Any:
     """Parameters in lanes, from the rows (rows, 8) in which `packed` put them; `like` are those of one run.
 
@@ -211,7 +206,7 @@ def in_lanes(typing: Any, table: Any, like: Any) -> Any:
     return kind(table, like), generate
 
 
-@_emitted
+@emitted
 def all_in_lanes(typing: Any, arrays: Any) -> Any:
     """A named tuple of arrays, those of float64 with the lanes last as arrays of vectors."""
 

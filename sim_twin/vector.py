@@ -108,7 +108,8 @@ def aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
     return room[begin : begin + size].reshape(shape)
 
 
-def _emitted(define: Callable[..., Any]) -> Callable[..., Any]:
+def emitted(define: Callable[..., Any]) -> Callable[..., Any]:
+    """What kernels call, by the instructions that it stands for."""
     return cast(Callable[..., Any], intrinsic(define))
 
 
@@ -117,7 +118,7 @@ def _address(context: Any, builder: Any, array_type: Any, array: Any, index: Any
     return builder.bitcast(builder.gep(data, [index]), _FORM.as_pointer())
 
 
-@_emitted
+@emitted
 def load(typing: Any, array: Any, index: Any) -> Any:
     """Elements index ... index + 7 of a contiguous float64 array, counted through all its axes."""
 
@@ -127,7 +128,7 @@ def load(typing: Any, array: Any, index: Any) -> Any:
     return VECTOR(array, types.intp), generate
 
 
-@_emitted
+@emitted
 def repeated(typing: Any, array: Any, index: Any) -> Any:
     """Element `index` in every lane."""
 
@@ -138,7 +139,7 @@ def repeated(typing: Any, array: Any, index: Any) -> Any:
     return VECTOR(array, types.intp), generate
 
 
-@_emitted
+@emitted
 def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
     """Put `value` at elements index ... index + 7."""
 
@@ -149,7 +150,7 @@ def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
     return types.void(array, types.intp, VECTOR), generate
 
 
-@_emitted
+@emitted
 def spread(typing: Any, number: Any) -> Any:
     """The same number in every lane."""
 
@@ -182,25 +183,25 @@ def _function(name: str, arguments: int) -> Any:
     return VECTOR(*[VECTOR] * arguments), generate
 
 
-@_emitted
+@emitted
 def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
     """a b + c, rounded once."""
     return _function("fma", 3)
 
 
-@_emitted
+@emitted
 def root(typing: Any, a: Any) -> Any:
     """Square root."""
     return _function("sqrt", 1)
 
 
-@_emitted
+@emitted
 def power(typing: Any, a: Any, b: Any) -> Any:
     """a to the power b, one lane after the other."""
     return _function("pow", 2)
 
 
-@_emitted
+@emitted
 def magnitude(typing: Any, a: Any) -> Any:
     """Absolute value."""
     return _function("fabs", 1)
@@ -218,7 +219,7 @@ def _of_kind(kind: Any, name: str, context: Any, builder: Any, args: Any) -> Any
     return builder.call(cgutils.get_or_insert_function(builder.module, wanted, f"llvm.{name}.{of}"), args)
 
 
-@_emitted
+@emitted
 def signed(typing: Any, a: Any, b: Any) -> Any:
     """The magnitude of a with the sign of b; of numbers too."""
     kind = _kind(a, b)
@@ -229,7 +230,7 @@ def signed(typing: Any, a: Any, b: Any) -> Any:
     return kind(kind, kind), generate
 
 
-@_emitted
+@emitted
 def where_positive(typing: Any, test: Any, a: Any, b: Any) -> Any:
     """Lanes of a where `test` > 0, else of b; of numbers too."""
     kind = _kind(test, a, b)
@@ -241,7 +242,7 @@ def where_positive(typing: Any, test: Any, a: Any, b: Any) -> Any:
     return kind(kind, kind, kind), generate
 
 
-@_emitted
+@emitted
 def touches(typing: Any, a: Any) -> Any:
     """Whether a is positive, in any lane."""
 
@@ -254,7 +255,7 @@ def touches(typing: Any, a: Any) -> Any:
     return types.boolean(a), generate
 
 
-@_emitted
+@emitted
 def fused_less(typing: Any, a: Any, b: Any, c: Any) -> Any:
     """c - a b, rounded once; of numbers too."""
     kind = _kind(a, b, c)
@@ -266,7 +267,7 @@ def fused_less(typing: Any, a: Any, b: Any, c: Any) -> Any:
     return kind(kind, kind, kind), generate
 
 
-@_emitted
+@emitted
 def transpose(typing: Any, array: Any, index: Any) -> Any:
     """Transpose the 8 x 8 elements from `index` on, in place: lanes become rows."""
 
@@ -296,7 +297,7 @@ def _exchanged(builder: Any, rows: list[Any], half: int) -> list[Any]:
     return made
 
 
-@_emitted
+@emitted
 def pick(typing: Any, a: Any, lane: Any) -> Any:
     """The number in lane `lane`."""
 
@@ -306,7 +307,7 @@ def pick(typing: Any, a: Any, lane: Any) -> Any:
     return types.float64(VECTOR, types.intp), generate
 
 
-@_emitted
+@emitted
 def first_positive(typing: Any, a: Any) -> Any:
     """The first lane with a positive number; 8 where there is none."""
 

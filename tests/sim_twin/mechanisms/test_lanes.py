@@ -128,10 +128,8 @@ def test_rigs_side_by_side_strike_as_they_do_one_by_one(name: str) -> None:
     truths = model.side_by_side.truths(twins, phases, rate)
     together = truths.advance(steps)
     sizes = np.abs(own).max(axis=2)
-    in_joints = (
-        sizes[:, 2] if name == "planar" else sizes[:, :9].max(axis=1)
-    )  # what nothing shakes but strikes
-    assert np.all(in_joints > 0.0)
+    # in every run what nothing shakes but strikes
+    assert np.all((sizes[:, 2] if name == "planar" else sizes[:, :9].max(axis=1)) > 0.0)
     # by then the tolerances of the steps, 1e-6 and less, have grown to some 1e-5
     assert np.all(np.abs(together - own).max(axis=2) <= 1e-3 * sizes)
     assert set(truths.statuses) == {Status.COMPLETED}
