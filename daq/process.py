@@ -137,13 +137,21 @@ def begin_as_child(grace_s: float | None = 0.0) -> None:
     threading.Thread(target=watch, name="parent watch", daemon=True).start()
 
 
+_ARENA_MAX: Final = -8
+"""Of mallopt(3)."""
+
+
 def give_memory_back(every_s: float = 10.0) -> None:
     """Have this process give what it has freed back to the system every so often.
 
     What waits while a disk stalls is freed in between what stays, and glibc keeps that for itself: after a
-    night of stalls a process is as large as the worst of them has made it.
+    night of stalls a process is as large as the worst of them has made it. And it gives each thread a heap of
+    its own to do that in: call this before threads are started, and they share one.
     """
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of glibc alone
+    glibc = ctypes.CDLL(None)
+    trim = getattr(glibc, "malloc_trim", None)  # of glibc alone
+    if trim is not None:
+        glibc.mallopt(_ARENA_MAX, 1)
 
     def keep_small() -> None:
         while trim is not None:
@@ -162,7 +170,7 @@ def _child(
 ) -> None:
     with suppress(OSError):  # for top and ps; where a system has no such file it is python there
         Path("/proc/self/comm").write_text(multiprocessing.current_process().name)
-    begin_as_child(grace_s)
     if not keeps_memory:
         give_memory_back()
+    begin_as_child(grace_s)
     entry(pipe, *arguments)

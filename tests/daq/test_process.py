@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -133,6 +135,37 @@ def free_in_between(pipe: Connection, every_s: float | None) -> None:
     while memory().rss - before > 0.25 * taken and time.monotonic() < end_s and every_s is not None:
         time.sleep(0.02)
     pipe.send((taken, memory().rss - before, len(pieces)))
+
+
+def heaps_of_threads(pipe: Connection) -> None:
+    """Answers with how many heaps glibc has once four threads have each asked for something."""
+    met = threading.Barrier(5)
+
+    def ask() -> None:
+        piece = bytearray(50_000)
+        met.wait(GONE_S)
+        del piece
+
+    for _ in range(4):
+        threading.Thread(target=ask).start()
+    met.wait(GONE_S)
+    glibc = ctypes.CDLL(None)
+    glibc.fopen.restype = ctypes.c_void_p
+    with tempfile.NamedTemporaryFile() as told:
+        file = ctypes.c_void_p(glibc.fopen(told.name.encode(), b"w"))
+        glibc.malloc_info(0, file)
+        glibc.fclose(file)
+        pipe.send(told.read().count(b"<heap nr="))
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="of glibc alone")
+@pytest.mark.parametrize("shared", [True, False])
+def test_threads_share_one_heap(shared: bool) -> None:
+    child = Child("threads", heaps_of_threads, keeps_memory=not shared)
+    child.start()
+    heaps = child.pipe.recv()
+    child.end(GONE_S)
+    assert (heaps == 1) == shared
 
 
 def left_of_it(every_s: float | None) -> float:
