@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 
 from daq.signals.envelope import envelope
+from rig.files.quantity import si_factor
 from rig.pages.words import counted, estimate, probability, span
 from sim_twin.diagnosis.cause import Hypothesis
 from sim_twin.diagnosis.findings import Findings
 from sim_twin.diagnosis.fingerprint import Cell
+from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.diagnosis.typical_cycle import TypicalCycle
+from sim_twin.effects import Parameter
 
 _DECIBELS = 10 / log(10)
 _POINTS = 600
@@ -50,6 +53,12 @@ def argument(findings: Findings, units: Mapping[str, str], cycles: Sequence[Typi
         "runner_up": None if findings.runner_up is None else _names(findings.runner_up[0]),
         "contrasts": _contrasts(findings, units),
         "unexplained": asdict(findings.left),
+        "entered": [
+            {"key": parameter.name, "probability": each.probability, **_in_its_unit(parameter, each.estimate)}
+            for each in findings.entered
+            for parameter in each.cause.parameters
+            if each.probability >= _BELIEVED
+        ],
         "runs_alone": [
             {
                 "run": each.run,
@@ -64,6 +73,7 @@ def argument(findings: Findings, units: Mapping[str, str], cycles: Sequence[Typi
                         "unit": parameter.unit, "value": one.value, "ci95": [one.low, one.high],
                     }
                     for cause, estimates in zip(each.best, each.estimates, strict=False)
+                    if not cause.entered
                     for parameter, one in zip(cause.parameters, estimates, strict=True)
                 ],
             }
@@ -77,6 +87,12 @@ def argument(findings: Findings, units: Mapping[str, str], cycles: Sequence[Typi
             for each in cycles
         ],
     }  # fmt: skip
+
+
+def _in_its_unit(parameter: Parameter, found: Estimate) -> dict[str, Any]:
+    """A value of [model] as a scenario has it."""
+    value, *ends = (each / si_factor(parameter.unit) for each in (found.value, found.low, found.high))
+    return {"unit": parameter.unit, "value": value, "ci95": ends}
 
 
 def _names(hypothesis: Hypothesis) -> list[str]:
@@ -138,6 +154,11 @@ def argument_lines(content: Mapping[str, Any]) -> list[str]:
                 if "ci95" in one
             ]
             told.append(f"in the rig {each['name']} {probability(each['present'])}: {', '.join(sizes)}")
+    for each in content["entered"]:
+        told.append(
+            f"[model]    {each['key']} may be wrong, {probability(each['probability'])}: "
+            f"{estimate(each['value'], each['unit'])} ({_span(each)})"
+        )
     for run in content["runs_alone"]:
         first = run["believed"][0]
         whose = " and ".join(first["effects"]) or "nothing missing"

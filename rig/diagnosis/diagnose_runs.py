@@ -18,6 +18,7 @@ from rig.diagnosis.argument import of_cut_short
 from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
 from rig.diagnosis.kept import Kept
+from rig.diagnosis.model_values import with_doubts
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.diagnosis.report import arguments, before_and_after, causes, gap_map, verdict
 from rig.diagnosis.report.case import Case, RunFacts
@@ -29,7 +30,7 @@ from rig.files.scenario import parse_scenario
 from rig.pages.content import Section, page
 from rig.session.pace import reading
 from rig.session.progress import Screen
-from rig.twin.logged import campaign_with_model
+from rig.twin.logged import campaign_with_model, held_values
 from sim_twin.diagnosis.campaign import Campaign, horizon_s
 from sim_twin.diagnosis.diagnose import diagnose, effort_for
 from sim_twin.diagnosis.findings import Findings, Judged
@@ -160,7 +161,9 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
     if known is None:
         return data
     scenarios = [parse_scenario(text) for text in data.scenarios]
-    return replace(data, campaign=campaign_with_model(data.campaign, known, scenarios, screen.warn))
+    campaign = campaign_with_model(data.campaign, known, scenarios, screen.warn)
+    held = [{**each.model, **held_values(known, each)} for each in scenarios]
+    return replace(data, campaign=with_doubts(scenarios[0].rig, campaign, held))
 
 
 def _text_of(model: Path | None) -> str:

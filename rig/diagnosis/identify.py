@@ -25,11 +25,11 @@ from daq.errors import (
     Problem,
     RattleError,
     SimulationFailed,
-    UnphysicalParameter,
 )
 from daq.quantity import Quantity, Setting
 from rig.diagnosis.experiments import options
 from rig.diagnosis.kept import kept_arrays, version_of
+from rig.diagnosis.model_values import WithValues, tolerance_of
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.faults import Faults
@@ -56,8 +56,8 @@ from sim_twin.diagnosis.identification import (
     nothing_known,
     rigs_of_a_round,
 )
-from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed
-from sim_twin.healthy import Matched, MatchedTwin, Tolerance
+from sim_twin.diagnosis.subject import Draw, Execute, Observed
+from sim_twin.healthy import Matched, MatchedTwin
 from sim_twin.twin import AnyTwin
 
 _TIMES = 10.0
@@ -70,40 +70,7 @@ _WIDE_RANGE = 3.0
 """Ratio of a range's ends from which on it is one of ratios."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Identifying(Campaign):
-    """Runs of a rig of which some values are not known: those of a draw, instead of effects.
-
-    `given` is what [model] gives of each run.
-    """
-
-    rig: str
-    given: tuple[Mapping[str, Any], ...]
-
-    def changed(self, number: int, effects: tuple[Named, ...]) -> AnyTwin:
-        twin = self.runs[number].twin
-        for _, values in effects:  # they are called VALUES
-            twin = replace(twin, rig=RIGS[self.rig].changed(twin.rig, self.given[number], values))
-        return twin
-
-    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
-        """Those that no rig can be are not simulated."""
-        can = [self._can_be(draw) for draw in draws]
-        observed = iter(Campaign.observe(self, [draw for draw, kept in zip(draws, can, strict=True) if kept]))
-        return [next(observed) if kept else (None,) for kept in can]
-
-    def _can_be(self, draw: Draw) -> bool:
-        try:
-            for number in range(len(self.runs)):
-                self.changed(number, draw.effects)
-        except UnphysicalParameter:
-            return False
-        return True
-
-
-def identifying(
-    runs: Sequence[RunSetting], scenarios: Sequence[Scenario], free: Sequence[str]
-) -> Identifying:
+def identifying(runs: Sequence[RunSetting], scenarios: Sequence[Scenario], free: Sequence[str]) -> WithValues:
     """Runs of their scenarios, in which the values of `free` keys are those of a draw, exactly."""
     kind, opened = RIGS[scenarios[0].rig], list[RunSetting]()
     for run in runs:
@@ -111,14 +78,7 @@ def identifying(
         known = Matched(closed, np.zeros(len(closed)), np.zeros((len(closed), len(closed))))
         twin = MatchedTwin(run.twin.rig, run.twin.drive, run.twin.sensors, run.twin.widths, known)
         opened.append(replace(run, twin=twin))
-    return Identifying(tuple(opened), rig=kind.name, given=tuple(each.model for each in scenarios))
-
-
-def tolerance_of(kind: RigKind, key: str, twin: AnyTwin) -> Tolerance | None:
-    """What healthy rigs differ by in the value of a key; None where they do not."""
-    place, named = ("rig", *kind.model[key].place), (key, key.replace("_", ".", 1))
-    found = (each for each in twin.model.healthy_spread(twin) if each.place == place or each.name in named)
-    return next(found, None)
+    return WithValues(tuple(opened), rig=kind.name, given=tuple(each.model for each in scenarios))
 
 
 def wide_of(kind: RigKind, key: str, given: Mapping[str, Any], twin: AnyTwin, between: str = "") -> Wide:
@@ -252,7 +212,7 @@ SPECIMEN = "specimen"
 
 def read_for(
     runs: Sequence[Path], responses: Sequence[Path], free: Mapping[str, str], screen: Screen
-) -> tuple[RecordedCampaign, tuple[Wide, ...], Identifying]:
+) -> tuple[RecordedCampaign, tuple[Wide, ...], WithValues]:
     """Runs, and others that are looked at by their frequency responses alone, and the values to be found.
 
     Raises ConfigurationError or LogError for what cannot be used.
@@ -301,7 +261,7 @@ def _require_chatter(path: Path, run: RunSetting, records: Mapping[str, Any], al
         )
 
 
-def require_moves(wides: Sequence[Wide], campaign: Identifying, simulate: Execute) -> None:
+def require_moves(wides: Sequence[Wide], campaign: WithValues, simulate: Execute) -> None:
     """Refuse values of which nothing that the runs show depends; before any long work."""
     known = nothing_known(wides)
     places = np.concatenate([np.zeros((1, len(wides))), np.eye(len(wides))])
@@ -333,7 +293,7 @@ def last_of(rounds: Iterable[Round], screen: Screen) -> Round:
 def identify(
     data: RecordedCampaign,
     wides: Sequence[Wide],
-    campaign: Identifying,
+    campaign: WithValues,
     plain: RecordedCampaign,
     folder: Path,
     seed: int,
@@ -453,7 +413,7 @@ def _digest(campaign: Campaign) -> str:
     ]
     rest = [(run.oversampling, run.cycles, run.quiet) for run in campaign.runs]
     known = [getattr(run.twin, "known", None) for run in campaign.runs]
-    given = campaign.given if isinstance(campaign, Identifying) else ()
+    given = campaign.given if isinstance(campaign, WithValues) else ()
     sources = version_of(campaign.runs[0])
     names = [each.names for each in known if each is not None]
     return hashlib.sha256(repr((runs, rest, names, given, sources)).encode()).hexdigest()

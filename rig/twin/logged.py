@@ -55,11 +55,7 @@ def with_values(twin: AnyTwin, model: ModelFile, scenario: Scenario, warn: Calla
     A value of which the scenario says something else than those of the model's runs did is another by now.
     """
     kind, given = RIGS[scenario.rig], scenario.model
-    held = {
-        key: value
-        for key, value in model.model.items()
-        if _same(kind.value(key, given), model.identified[key])
-    }
+    held = held_values(model, scenario)
     if other := [key for key in model.model if key not in held]:
         warn(f"not as the runs of the model had it, so the scenario's value holds: {', '.join(other)}")
     try:
@@ -71,6 +67,13 @@ def with_values(twin: AnyTwin, model: ModelFile, scenario: Scenario, warn: Calla
     widths = widths_of(kind, given, model.lab, faults)
     faults.raise_if_any()
     return replace(twin, rig=rig, widths={**twin.widths, **model.widths, **widths})
+
+
+def held_values(model: ModelFile, scenario: Scenario) -> dict[str, float]:
+    """The values of a model that hold for a scenario: which says of them what those of its runs did."""
+    kind, found = RIGS[scenario.rig], model.identified
+    values = ((key, kind.value(key, scenario.model)) for key in model.model)
+    return {key: model.model[key] for key, value in values if _same(value, found[key])}
 
 
 def _same(value: float | None, found: Identified) -> bool:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.cause import Cause, Hypothesis, parts_of
+from sim_twin.diagnosis.cause import Cause, Hypothesis, effects_of, parts_of
 from sim_twin.diagnosis.gap import GapMeasure
 from sim_twin.diagnosis.search import Ranked
 
@@ -81,13 +82,22 @@ def verdict_of(none: float, effect: float, unknown: float) -> str:
 class Belief:
     """Probabilities that add up to 1: `none`, `unknown`, and of each effect that it is the largest cause.
 
-    `present`, of each effect that it is there at all, alone or with another: those of a pair both count it.
+    `unexplained` is the part of `unknown` that nothing explains; the rest is `of_values` that were entered
+    wrongly, and no effect. `present`, of each effect that it is there at all, alone or with another: those of
+    a pair both count it; `entered`, the same of each value.
     """
 
     none: float
-    unknown: float
+    unexplained: float
     of_effects: Mapping[str, float]
     present: Mapping[str, float]
+    entered: Mapping[str, float] = field(default_factory=dict)
+    of_values: float = 0.0
+
+    @property
+    def unknown(self) -> float:
+        """That no effect of the catalogue explains it."""
+        return self.unexplained + self.of_values
 
     @property
     def effect(self) -> float:
@@ -105,7 +115,8 @@ class Belief:
             {name: _REFUTED * share for name, share in shares.items()}
             for shares in (self.of_effects, self.present)
         )
-        return Belief(self.none, self.unknown + self.effect - sum(kept.values()), kept, present)
+        unexplained = self.unexplained + self.effect - sum(kept.values())
+        return replace(self, unexplained=unexplained, of_effects=kept, present=present)
 
     def without(self, idle: Collection[str]) -> Belief:
         """The same after data that were not fitted showed that these effects mend nothing beside others."""
@@ -123,20 +134,21 @@ def belief_of(
 
     Where only the share `done` of a search was, that counts by as much too.
     """
-    unknown = left.unknown**done / (left.unknown**done + (1 - left.unknown) ** done)
-    of_effects: dict[str, float] = {}
-    present: dict[str, float] = {}
-    none = 0.0
+    explained = (1 - left.unknown) ** done / (left.unknown**done + (1 - left.unknown) ** done)
+    of_effects, present, entered = (defaultdict[str, float](float) for _ in range(3))
+    none, of_values = 0.0, 0.0
     for each in ranked:
-        share = (1 - unknown) * each.probability
-        if not each.hypothesis:
-            none += share
-            continue
-        name = largest(attribution, each.hypothesis, each.best())
-        of_effects[name] = of_effects.get(name, 0.0) + share
+        share = explained * each.probability
+        effects = {cause.name for cause in effects_of(each.hypothesis)}
         for name in {cause.name for cause in each.hypothesis}:
-            present[name] = present.get(name, 0.0) + share
-    return Belief(none, unknown, of_effects, present)
+            (present if name in effects else entered)[name] += share
+        if effects:
+            of_effects[largest(attribution, each.hypothesis, each.best())] += share
+        elif each.hypothesis:
+            of_values += share
+        else:
+            none += share
+    return Belief(none, 1 - explained, of_effects, present, entered, of_values)
 
 
 def of_a_part(ranked: Sequence[Ranked], done: float) -> list[Ranked]:
@@ -154,9 +166,9 @@ def of_a_part(ranked: Sequence[Ranked], done: float) -> list[Ranked]:
 
 
 def largest(attribution: Attribution, hypothesis: Hypothesis, values: Array) -> str:
-    """Name of the cause with the largest response."""
+    """Name of the effect with the largest response."""
     shares = contributions(attribution, hypothesis, values)
-    return max(shares, key=lambda cause: shares[cause]).name
+    return max(effects_of(hypothesis), key=lambda cause: shares[cause]).name
 
 
 def contributions(attribution: Attribution, hypothesis: Hypothesis, values: Array) -> dict[Cause, float]:

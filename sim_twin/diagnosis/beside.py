@@ -18,7 +18,7 @@ from sim_twin.diagnosis.cause import Hypothesis, allowed_by, drawn, named, parts
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.posterior import Posterior
 from sim_twin.diagnosis.refocus import on_side_of
-from sim_twin.diagnosis.search import BEFOREHAND, Ranked, Search, in_order
+from sim_twin.diagnosis.search import BEFOREHAND, Ranked, Search, doubts_of, in_order
 from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed
 
 Array = NDArray[np.float64]
@@ -36,7 +36,8 @@ def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Rank
     there was no time.
     """
     names = {cause.name for cause in found.hypothesis}
-    others = [c for c in search.causes if c not in found.hypothesis and (c.name not in names or c.channel)]
+    every = dict.fromkeys((*search.causes, *doubts_of(search.subject)))
+    others = [c for c in every if c not in found.hypothesis and (c.name not in names or c.channel)]
     room = len(BEFOREHAND) - 1 - len(found.hypothesis)
     if not found.hypothesis or room < 1 or not others:
         return None

@@ -170,6 +170,8 @@ class Campaign:
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Simulate some draws side by side."""
+        if not draws:
+            return []
         if any(draw.runs for draw in draws):
             return self._of_some_runs(draws)
         found = [

@@ -29,7 +29,8 @@ class Cause:
 
     `sensing`: it only changes what the sensors show, not the motion. `allows` says which parameters may go
     together. Parameters are searched as places u in a unit cube, over which they are equally likely.
-    `nearly_straight`: see the coordinates of an `Effect`.
+    `nearly_straight`: see the coordinates of an `Effect`. `entered`: no effect, but a value that may have
+    been entered wrongly.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Cause:
     sensing: bool = False
     allows: Callable[[Mapping[str, float | str]], bool] = field(default=_always, compare=False)
     nearly_straight: Coordinates | None = field(default=None, compare=False)
+    entered: bool = False
 
     def values(self, u: Array) -> Array:
         """Parameters at places `u`, shape (n, parameters) to the same."""
@@ -80,6 +82,16 @@ class Cause:
 
 Hypothesis: TypeAlias = tuple[Cause, ...]
 """What is there at the same time; nothing: ()."""
+
+
+def effects_of(hypothesis: Hypothesis) -> Hypothesis:
+    """It without values that were entered wrongly."""
+    return tuple(cause for cause in hypothesis if not cause.entered)
+
+
+def is_effect(hypothesis: Hypothesis) -> bool:
+    """Whether it is one effect alone."""
+    return len(hypothesis) == 1 and not hypothesis[0].entered
 
 
 def parts_of(hypothesis: Hypothesis) -> list[slice]:

@@ -12,9 +12,9 @@ from sim_twin.diagnosis.arguments import alone, contrasts
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Belief, belief_of, contributions, of_a_part
 from sim_twin.diagnosis.campaign import Campaign
-from sim_twin.diagnosis.cause import Hypothesis, named, parts_of
+from sim_twin.diagnosis.cause import Cause, Hypothesis, effects_of, is_effect, named, parts_of
 from sim_twin.diagnosis.explanation import Explaining
-from sim_twin.diagnosis.findings import Findings, Judged
+from sim_twin.diagnosis.findings import Entered, Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
 from sim_twin.diagnosis.judging import (
     gap_after,
@@ -30,7 +30,7 @@ from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.refocus import Focus
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
-from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
+from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed, Subject
 from sim_twin.diagnosis.where import alone_off, where_unknown
 
 Array = NDArray[np.float64]
@@ -116,7 +116,9 @@ def diagnose(
     if focus is not None:
         fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, rng))
     repaired = _repaired(fits, focus, effort.judge // _CONFIRMING, judging, rng)
-    chosen = candidates[0] if belief.verdict == "effect" and candidates else None
+    chosen = None
+    if belief.verdict == "effect":
+        chosen = next((each for each in candidates if effects_of(each.hypothesis)), None)
     if chosen is not None:
         every = {cause.name for cause in chosen.hypothesis}
         chosen = without_idle_partners(chosen, candidates, repaired, measure, judged_on)
@@ -140,10 +142,11 @@ def diagnose(
         unknown=belief.unknown,
         judged=tuple(inseparable(judged, distances)),
         selected=selected,
-        effects=named(chosen.hypothesis, chosen.best()) if chosen else (),
+        effects=_effects_of(chosen) if chosen else (),
         gap=gap,
-        by_location=_by_location(subject, ranked, attribution, belief.unknown, unexplained_at),
+        by_location=_by_location(ranked, attribution, search.causes, belief.unexplained, unexplained_at),
         alone_off=off,
+        entered=_entered(ranked, belief),
         separability=distances,
         measured=np.mean(measured, axis=0, dtype=np.float64),
         nominal=measure.twin,
@@ -229,7 +232,7 @@ def _judged(
     before = measure.total(measure.cells(judged_on))
     found: dict[str, Judged] = {}
     for each in ranked:
-        if len(each.hypothesis) != 1 or each.hypothesis[0].name in found:
+        if not is_effect(each.hypothesis) or each.hypothesis[0].name in found:
             continue
         twins = repaired.get(each.hypothesis)
         after = None if twins is None else gap_after(measure, judged_on, twins)
@@ -255,15 +258,31 @@ def _judged(
     return sorted(found.values(), key=lambda each: -each.probability)
 
 
+def _effects_of(chosen: Ranked) -> tuple[Named, ...]:
+    every = zip(chosen.hypothesis, named(chosen.hypothesis, chosen.best()), strict=True)
+    return tuple(effect for cause, effect in every if not cause.entered)
+
+
+def _entered(ranked: Sequence[Ranked], belief: Belief) -> tuple[Entered, ...]:
+    """Values that may have been entered wrongly, each as the most probable hypothesis with it says."""
+    found: dict[str, Entered] = {}
+    for each in ranked:
+        for cause, at in zip(each.hypothesis, parts_of(each.hypothesis), strict=True):
+            if cause.entered and cause.name not in found:
+                found[cause.name] = Entered(cause, belief.entered[cause.name], each.estimates()[at][0])
+    return tuple(sorted(found.values(), key=lambda one: -one.probability))
+
+
 def _by_location(
-    subject: Subject,
     ranked: Sequence[Ranked],
     attribution: Attribution,
+    causes: Sequence[Cause],
     unknown: float,
     unexplained_at: Mapping[str, float],
 ) -> dict[str, float]:
     """Shares of the locations in what is believed to explain it, and in what is `unknown` beside that."""
-    shares = {cause.location: 0.0 for cause in subject.causes}
+    believed = (cause for each in ranked for cause in each.hypothesis)
+    shares = {cause.location: 0.0 for cause in (*causes, *believed)}
     for each in ranked:
         for cause, share in contributions(attribution, each.hypothesis, each.best()).items():
             shares[cause.location] += each.probability * share

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.belief import Unexplained, verdict_of
-from sim_twin.diagnosis.cause import Cause, Hypothesis
+from sim_twin.diagnosis.cause import Cause, Hypothesis, effects_of
 from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.diagnosis.subject import Named
@@ -34,6 +34,15 @@ class Judged:
     shrink: float | None
     indistinguishable_from: tuple[str, ...] = ()
     present: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Entered:
+    """A value, the parameter of its `cause`: that it was entered wrongly, and what fits instead."""
+
+    cause: Cause
+    probability: float
+    estimate: Estimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +107,7 @@ class Findings:
     simulated. `contrasts` are the figures in which it predicts otherwise, `alone` is what each of several
     runs says. `alone_off` is the one channel that does not fit where all others do. Of the rigs of the
     search, and of those that its answer is judged by, there was time for the shares `searched` and `judging`.
+    `entered` are values that may have been entered wrongly, most probable first; none where nobody doubted.
     """
 
     layout: Layout
@@ -123,11 +133,12 @@ class Findings:
     searched: float = 1.0
     judging: float = 1.0
     alone_off: str = ""
+    entered: tuple[Entered, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of what was selected."""
-        return tuple(dict.fromkeys(cause.name for cause in self.selected))
+        """Of the effects that were selected."""
+        return tuple(dict.fromkeys(cause.name for cause in effects_of(self.selected)))
 
     @property
     def verdict(self) -> str:

@@ -26,6 +26,9 @@ _FAINT = 1e-12
 COUNTED = "contacts"
 CENTRE = ("early or late", "first or second half")
 FIGURES = ("peak", "crest", "share of time", COUNTED, *CENTRE)
+_ORDERS = (2, 3)
+OF_A_SINE = tuple(f"harmonic {order}, {part}" for order in _ORDERS for part in ("in phase", "across"))
+"""As shares of the first one, in step with it."""
 _TOLERANCE = {
     "energy": 0.1,
     "rms": 0.1,
@@ -36,6 +39,7 @@ _TOLERANCE = {
     "coherence": 0.02,
     "quadrature": 0.02,
     "swing": 2e-4,
+    **dict.fromkeys(OF_A_SINE, 1e-3),
 }
 """Of what `Columns` make; logarithms of energies and amplitudes, rad."""
 
@@ -108,7 +112,8 @@ class Columns:
     """How records of `channels` with cycles of `frequency` Hz at `rate` Hz become numbers.
 
     The coherence between each two of `coupled` channels goes in, too. Of `angles` there is only the swing
-    over the cycle: the rest of what an encoder shows is the pattern of its own counts.
+    over the cycle: the rest of what an encoder shows is the pattern of its own counts. Of a `sine` that
+    drives, the harmonics are estimated directly: they are no more chaotic than it.
     """
 
     channels: tuple[str, ...]
@@ -116,6 +121,7 @@ class Columns:
     frequency: float
     rate: float
     angles: tuple[str, ...] = ()
+    sine: str = ""
 
     @cached_property
     def harmonics(self) -> NDArray[np.intp]:
@@ -145,6 +151,7 @@ class Columns:
             cells += [of_cycles(run, name, what, phase=part) for what in ("mean", "rms") for part in parts]
             cells += [of_cycles(run, name, figure) for figure in FIGURES if figure not in CENTRE]
             cells += [replace(of_cycles(run, name, figure), tolerance=half_a_sample) for figure in CENTRE]
+            cells += [of_cycles(run, name, part) for part in OF_A_SINE if name == self.sine]
         cells += [
             Cell(run, one, part, 1, (float(low), float(high)), partner=other, tolerance=_TOLERANCE[part])
             for one, other in combinations(self.coupled, 2)
@@ -171,7 +178,8 @@ class Columns:
         turned = fft.rfft(np.stack([cycles, record[at + length // 2]]) * window, axis=2)
         energy = np.mean(turned.real**2 + turned.imag**2, axis=0)
         bands = np.add.reduceat(energy[:, : self.harmonics[-1]], self.harmonics[:-1], axis=1)
-        values = np.concatenate([np.log(bands + _FAINT), *_course(cycles)], axis=1)
+        own = [_of_a_sine(cycles)] if name == self.sine else []
+        values = np.concatenate([np.log(bands + _FAINT), *_course(cycles), *own], axis=1)
         if name not in self.coupled:
             return Look(values)
         spectra = turned[:, :, : self.octaves[-1]]
@@ -252,6 +260,17 @@ class Look:
 
 Crossed: TypeAlias = tuple[Look, Look, NDArray[Any]]
 """Two looks and their cross spectra (cycles, bands)."""
+
+
+def _of_a_sine(cycles: Array) -> Array:
+    """Harmonics of cycles (n, samples) in step with the first, its real and imaginary shares, (n, 4)."""
+    first, *others = fft.rfft(cycles, axis=1)[:, 1 : max(_ORDERS) + 1].T
+    turned = first / (np.abs(first) + _FAINT)
+    shares = [
+        line * np.conj(turned) ** order / (np.abs(first) + _FAINT)
+        for order, line in zip(_ORDERS, others, strict=True)
+    ]
+    return np.column_stack([part for share in shares for part in (share.real, share.imag)]).astype(np.float32)
 
 
 def _course(cycles: Array) -> tuple[Array, Array, Array]:

@@ -25,7 +25,7 @@ from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Draw, Execute, Subject
 
 Array = NDArray[np.float64]
-VALUES = "values of the model"
+VALUES = "model"
 """The one effect of a draw: its parameters are the values."""
 _BLOCKS = 2
 _FARTHEST = 5.0

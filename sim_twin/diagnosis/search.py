@@ -18,7 +18,7 @@ from sim_twin.diagnosis.library import FEWEST, TOGETHER, Library, Order, learned
 from sim_twin.diagnosis.posterior import Estimate, Posterior
 from sim_twin.diagnosis.screening import Screening, layout_of, numbers_of
 from sim_twin.diagnosis.space import Moments
-from sim_twin.diagnosis.subject import Draw, Execute, Observed, OfRuns, Subject
+from sim_twin.diagnosis.subject import Doubtful, Draw, Execute, Observed, OfRuns, Subject
 
 Array = NDArray[np.float64]
 BEFOREHAND = (0.35, 0.45, 0.17, 0.03)
@@ -56,6 +56,8 @@ _SURE = 3.0
 _FITS = 1.5
 """Misfit up to which the runs are explained: two deviations more than what the catalogue holds leaves of
 another engine's rigs (see `belief`)."""
+_DOUBTED = 0.3
+"""That any value was entered wrongly, as a share of what is believed beforehand of all effects."""
 _DISTINCT = 40
 _STEP = 0.02
 """Of a parameter's whole range."""
@@ -136,6 +138,11 @@ class _Seen:
         return [() for _ in draws]
 
 
+def doubts_of(subject: Subject) -> tuple[Cause, ...]:
+    """Values of a subject that may have been entered wrongly, if it says any."""
+    return subject.doubts if isinstance(subject, Doubtful) else ()
+
+
 def in_order(*causes: Cause) -> Hypothesis:
     """Several are one hypothesis, whichever was found first."""
     return tuple(sorted(causes, key=lambda cause: (cause.name, cause.channel or "")))
@@ -190,6 +197,8 @@ class Search:
                 break
             order += self.next_order(ranked, motions - len(order), _FROM_WIDER[number])
             rest -= len(order)
+            if number > 0 and ranked[0].misfit > _OPEN:
+                order += self._doubt()
             # what there was no time for leaves nothing settled
             before = ranked[0] if self._do(order) else None
         attribution = self.learn()
@@ -203,6 +212,14 @@ class Search:
         """What the library says so far, and by it of nothing and of every effect alone."""
         attribution = self.learn()
         return attribution, self.weigh(attribution, self.singles())
+
+    def _doubt(self) -> Order:
+        """What else may be wrong, from now on: values that were entered wrongly, each evenly."""
+        doubts = doubts_of(self.subject)
+        if not doubts or any(cause.entered for cause in self.causes):
+            return Order()
+        self.causes = [*self.causes, *doubts]
+        return order_of({(cause,): drawn((cause,), _FEWEST_EACH, self.rng) for cause in doubts}, self.rng)
 
     def _first_look(self) -> int:
         """Healthy rigs and every cause, of further runs what is not ruled out; returns what all would be."""
@@ -348,7 +365,7 @@ class Search:
 
     def partners(self, leading: Ranked, motions: int, wider: float) -> Order:
         """The leading effect, as it may be here, with each other one that moves: their sum need not hold."""
-        moving = [c for c in self.causes if not c.sensing and (c,) != leading.hypothesis]
+        moving = [c for c in self.causes if not (c.sensing or c.entered) and (c,) != leading.hypothesis]
         if len(leading.hypothesis) != 1 or not moving:
             return Order()
         each = min(_EACH_PARTNER, motions // len(moving))
@@ -369,8 +386,10 @@ class Search:
         """How well each hypothesis explains the measurement."""
         place = attribution.place(self.measured).mean(axis=0)
         # effects are alike beforehand, however many channels they may sit on
-        names = [cause.name for cause in self.causes]
+        names = [cause.name for cause in self.causes if not cause.entered]
         share = {name: 1 / len(set(names)) / names.count(name) for name in names}
+        entered = [cause.name for cause in self.causes if cause.entered]
+        share |= {name: _DOUBTED / len(entered) for name in entered}
         found = []
         for h in hypotheses:
             prior = BEFOREHAND[len(h)] * factorial(len(h)) * prod(share[cause.name] for cause in h)

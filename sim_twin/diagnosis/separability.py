@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from sim_twin.diagnosis.attribution import TEMPER, Attribution
-from sim_twin.diagnosis.cause import values_of
+from sim_twin.diagnosis.cause import is_effect, values_of
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.search import Ranked
 from sim_twin.diagnosis.space import Moments
@@ -37,7 +37,7 @@ def separability(
     """
     alone: dict[str, Ranked] = {}
     for each in ranked:
-        if len(each.hypothesis) == 1 and each.hypothesis in attribution.emulators:
+        if is_effect(each.hypothesis) and each.hypothesis in attribution.emulators:
             alone.setdefault(each.hypothesis[0].name, each)
     compared = list(alone.items())[:_COMPARED]
     found = {}

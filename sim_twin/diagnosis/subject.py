@@ -63,6 +63,15 @@ class OfRuns(Subject, Protocol):
 
 
 @runtime_checkable
+class Doubtful(Subject, Protocol):
+    """One of which values may have been entered wrongly."""
+
+    @property
+    def doubts(self) -> tuple[Cause, ...]:
+        """Of each value, that it is another; looked at where no effect explains the runs."""
+
+
+@runtime_checkable
 class Widening(Subject, Protocol):
     """One that can say what it would be if healthy rigs were not as wide as it believes."""
 

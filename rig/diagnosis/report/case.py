@@ -47,6 +47,11 @@ def place(cause: Cause) -> str:
     return f"at {article}{cause.location}{channel}"
 
 
+def what(cause: Cause) -> str:
+    """An effect's name as words, or whose value was entered wrongly."""
+    return f"{cause.parameters[0].name} of [model]" if cause.entered else plain(cause.name)
+
+
 def what_and_where(cause: Cause) -> str:
     """An effect with its place."""
     return f"{plain(cause.name)} {place(cause)}"

@@ -9,11 +9,13 @@ from rig.diagnosis.report.case import (
     parameter_words,
     plain,
     plausible,
+    what,
     what_and_where,
 )
+from rig.files.quantity import si_factor
 from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence
 from rig.pages.words import DASH, estimate, listed, probability, span
-from sim_twin.diagnosis.findings import Gap, Judged
+from sim_twin.diagnosis.findings import Entered, Gap, Judged
 
 _OWN_UNIT = (
     "A gap of 1.0 is as far as a healthy rig lies from the twin, as the subject draws healthy rigs, with the "
@@ -25,6 +27,8 @@ _UNIT = (
 )
 _VERDICTS = {"effect": "effect", "none": "nothing missing", "unknown": "unknown"}
 _SURE, _LIKELY = 0.9, 0.6
+_MAY_BE = 0.2
+"""Probability from which on a value that may be wrong is named."""
 LEFT_OPEN = 1.5
 """A gap that is left from which on the repaired twin is not the rig."""
 
@@ -44,7 +48,7 @@ def parts(case: Case) -> list[Part]:
         BigNumber("Gap before", floors(gap.before), "nominal twin; 1.0 = healthy"),
     ]
     if case.repaired:
-        within = listed([plain(cause.name) for cause in found.selected])
+        within = listed([what(cause) for cause in found.selected])
         shrink, remark = DASH, "no gap to shrink"
         if gap.shrink is not None:
             shrink, remark = f"{100 * gap.shrink:.0f} %", interval(gap)
@@ -102,6 +106,8 @@ def _shrinks(case: Case, count: int) -> str:
             "for there was no time to simulate the repaired twin: give it more --budget, or an idle machine."
         )
     within = "With it" if count == 1 else "With both" if count == 2 else "With all of them"
+    if others := [what(cause) for cause in case.findings.selected if cause.entered]:
+        within += f", and with {listed(others)} as it fits,"
     if gap.shrink is None:
         return (
             f"The gap is {floors(gap.before)}, no larger than a healthy rig's (1.0); "
@@ -153,7 +159,19 @@ def _unknown(case: Case) -> tuple[str, str]:
     if case.judged:
         nearest = case.judged[0]
         first += f"; the nearest, {what_and_where(nearest.cause)}, has {probability(nearest.probability)}"
+    entered = case.findings.entered[:1]
+    if entered and entered[0].probability >= _MAY_BE:
+        first += f". It may be that {_wrong(entered[0])}"
     return f"{first}.", _where(case)
+
+
+def _wrong(entered: Entered) -> str:
+    [parameter], found = entered.cause.parameters, entered.estimate
+    value, low, high = (each / si_factor(parameter.unit) for each in (found.value, found.low, found.high))
+    return (
+        f"{what(entered.cause)} is wrong (probability {probability(entered.probability)}): "
+        f"{estimate(value, parameter.unit)} fits, 95 % interval {span(low, high, parameter.unit)}"
+    )
 
 
 def _where(case: Case) -> str:

@@ -33,7 +33,7 @@ from rig.session.progress import Screen, Terminal
 from rig.twin.logged import with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis import identification
-from sim_twin.diagnosis.identification import Round, nothing_known
+from sim_twin.diagnosis.identification import VALUES, Round, nothing_known
 from sim_twin.diagnosis.subject import Draw, Observed
 from tests.rig.commands.cli import Call
 from tests.rig.commands.test_calibrate import RATE, SCENARIO, SECONDS, write
@@ -181,7 +181,7 @@ def test_the_values_of_a_draw_are_those_of_its_rig() -> None:
     keys = ("piston_mass", "frame_crank_y_frequency")
     campaign = identifying([setting], [scenario], keys)
     values = {"piston_mass": 3.0, "frame_crank_y_frequency": 250.0}
-    twin = campaign.changed(0, (("values", values),))
+    twin = campaign.changed(0, ((VALUES, values),))
     drawn = [twin.model.draw_healthy(twin, np.random.default_rng(seed)) for seed in range(3)]
     assert [each.rig.piston_mass for each in drawn] == [3.0] * 3
     assert {each.rig.frames["crank_frame.acceleration_y"].frequency for each in drawn} == {250.0}
@@ -194,7 +194,7 @@ def test_the_spatial_cranks_values_are_looked_for_in_its_recordings(tmp_path: Pa
     data, wides, campaign = read_for([run], [], free, Screen(Terminal()))
     assert data.paths == (run,)
     require_moves(wides, campaign, campaign.observe)  # told before any long work otherwise
-    lighter = campaign.changed(0, (("values", {"guide_clearance": 3e-4, "slider_mass": 0.3}),))
+    lighter = campaign.changed(0, ((VALUES, {"guide_clearance": 3e-4, "slider_mass": 0.3}),))
     drawn = [lighter.model.draw_healthy(lighter, np.random.default_rng(seed)) for seed in range(3)]
     assert [each.rig.guide_clearance for each in drawn] == [3e-4] * 3
     assert {each.rig.slider.mass for each in drawn} == {0.3}

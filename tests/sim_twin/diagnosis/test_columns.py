@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_twin.diagnosis.fingerprint import FIGURES, SLICES, Cell, Columns, CycleTable, Layout
+from sim_twin.diagnosis.fingerprint import FIGURES, OF_A_SINE, SLICES, Cell, Columns, CycleTable, Layout
 
 Array = NDArray[np.float32]
 RATE, FREQUENCY = 25_600.0, 20.0
@@ -70,6 +70,29 @@ def test_a_gain_shifts_the_logarithm_of_every_energy_by_twice_its_own(gain: floa
         moved = named(after, name, seen) - named(before, name, seen)
         assert moved == pytest.approx(np.full_like(moved, shift * np.log(gain)), abs=1e-3)  # float32
     assert named(after, "mean", seen) == pytest.approx(gain * named(before, "mean", seen), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "phase"), [(0.08, 0.0, 0.0), (0.05, 0.12, 0.7), (0.0, 0.2, -2.0)]
+)
+def test_harmonics_of_a_sine_are_told_as_shares_of_it_whatever_its_size_and_begin(
+    second: float, third: float, phase: float
+) -> None:
+    seen = Columns(("drive",), (), FREQUENCY, RATE, sine="drive")
+    p = 2 * np.pi * FREQUENCY * np.arange(len(noise(0))) / RATE + phase
+    for size, scatter in ((9.0, 0.0), (0.3, 1e-3)):
+        record = size * (np.cos(p) + second * np.cos(2 * p) + third * np.sin(3 * p)) + scatter * noise(2)
+        found = seen.numbers([record.astype(np.float32)], STARTS, LENGTH).fingerprint()
+        shares = [named(found, part, seen).mean() for part in OF_A_SINE]
+        assert shares == pytest.approx([second, 0.0, 0.0, -third], abs=1e-3)
+
+
+def test_only_of_a_driving_sine_harmonics_are_told() -> None:
+    seen = Columns(("drive", "force"), ("force",), FREQUENCY, RATE, sine="drive")
+    told = [(cell.channel, cell.what) for cell in seen.cells(0) if cell.what in OF_A_SINE]
+    assert told == [("drive", part) for part in OF_A_SINE]
+    found = seen.numbers([noise(0), noise(1)], STARTS, LENGTH).fingerprint()
+    assert len(found) == Layout(seen.cells(0)).size
 
 
 def test_energy_lies_in_the_band_of_the_sine_that_makes_it() -> None:

@@ -23,6 +23,7 @@ RIGHT = Cause("right", "here", (WIDE,))
 GAIN = Cause("gain", "sensor", (SIZE,), "one", sensing=True)
 ASPECT = Cause("aspect", "there", (SIZE,))
 LIKENESS = Cause("likeness", "elsewhere", (SIZE,))
+LENGTH = Cause("model.length", "model", (SIZE,), entered=True)
 CAUSES = (LEFT, RIGHT, GAIN, ASPECT, LIKENESS)
 BLOCKS = 4
 _OWN, _BLOCK = 0.5, 1.0
@@ -30,12 +31,12 @@ _SPREAD = np.linspace(-1.4, 1.4, SLICES)
 
 
 def _directions() -> dict[str, NDArray[np.float64]]:
-    """Of each cause, orthogonal; the two look-alikes share one. `strange` belongs to none."""
+    """Of each cause, orthogonal; the two look-alikes share one. `strange` belongs to none but the length."""
     basis = np.linalg.qr(np.random.default_rng(11).normal(size=(CELLS, 5)))[0].T * np.sqrt(CELLS)
     left, right, gain, aspect, strange = basis
     return {
         "left": left, "right": right, "gain": gain,
-        "aspect": aspect, "likeness": aspect, "strange": strange,
+        "aspect": aspect, "likeness": aspect, "strange": strange, LENGTH.name: strange,
     }  # fmt: skip
 
 
@@ -75,6 +76,7 @@ class Toy:
 
     causes: tuple[Cause, ...] = CAUSES
     interplay: float = 0.0
+    doubts: tuple[Cause, ...] = ()
 
     @property
     def layout(self) -> Layout:

@@ -1,0 +1,144 @@
+"""Runs of a rig of which values of [model] may be others than their scenarios say, and what these may be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from daq.errors import UnphysicalParameter
+from daq.quantity import Quantity
+from rig.files.quantity import si_factor
+from rig.rigs import RIGS
+from rig.rigs.kind import RigKind, at
+from sim_twin.diagnosis.campaign import Campaign
+from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.identification import VALUES
+from sim_twin.diagnosis.subject import Draw, Named, Observed
+from sim_twin.effects import Effect, Intervals, Parameter
+from sim_twin.healthy import Tolerance
+from sim_twin.twin import AnyTwin, Place
+
+_NO_ERROR, _FARTHEST = 2.0, 25.0
+"""In deviations of healthy rigs: up to the one it is right, up to the other it may be entered wrongly."""
+_NEAR, _FAR = 1.01, 1.3
+"""Factors that it may be off at least, where healthy rigs differ by less."""
+_NEAR_RAD, _FAR_RAD = 0.02, 0.3
+"""The same of an angle."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WithValues(Campaign):
+    """Runs whose draws may give values of [model] among their effects, by the name of `VALUES`.
+
+    `given` is what [model] gives of each run, `doubts` are the values that may be wrong there.
+    """
+
+    rig: str
+    given: tuple[Mapping[str, Any], ...]
+    doubts: tuple[Cause, ...] = ()
+
+    def only(self, numbers: tuple[int, ...]) -> Campaign:
+        return Campaign.only(replace(self, given=tuple(self.given[k] for k in numbers)), numbers)
+
+    def changed(self, number: int, effects: tuple[Named, ...]) -> AnyTwin:
+        values = {key: value for name, each in effects if _of_model(name) for key, value in each.items()}
+        if not values:
+            return Campaign.changed(self, number, effects)
+        run = self.runs[number]
+        rig = RIGS[self.rig].changed(run.twin.rig, self.given[number], values)
+        runs = list(self.runs)
+        runs[number] = replace(run, twin=replace(run.twin, rig=rig))
+        others = tuple(each for each in effects if not _of_model(each[0]))
+        return Campaign.changed(replace(self, runs=tuple(runs)), number, others)
+
+    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+        """Those that no rig can be are not simulated."""
+        can = [self._can_be(draw) for draw in draws]
+        observed = iter(Campaign.observe(self, [draw for draw, kept in zip(draws, can, strict=True) if kept]))
+        shown = zip(draws, can, strict=True)
+        return [next(observed) if kept else (None,) * len(draw.sensing) for draw, kept in shown]
+
+    def _can_be(self, draw: Draw) -> bool:
+        if not any(_of_model(name) for name, _ in draw.effects):
+            return True
+        try:
+            for number in draw.runs or range(len(self.runs)):
+                self.changed(number, draw.effects)
+        except UnphysicalParameter:
+            return False
+        return True
+
+
+def _of_model(name: str) -> bool:
+    return name.partition(".")[0] == VALUES
+
+
+def tolerance_of(kind: RigKind, key: str, twin: AnyTwin) -> Tolerance | None:
+    """What healthy rigs differ by in the value of a key; None where they do not."""
+    place, named = ("rig", *kind.model[key].place), (key, key.replace("_", ".", 1))
+    found = (each for each in twin.model.healthy_spread(twin) if each.place == place or each.name in named)
+    return next(found, None)
+
+
+def with_doubts(rig: str, campaign: Campaign, given: Sequence[Mapping[str, Any]]) -> WithValues:
+    """A campaign of which any value that its tables [model] have `given` may be wrong."""
+    runs, doubts = campaign.runs, entered_wrongly(RIGS[rig], given, campaign.runs[0].twin)
+    return WithValues(
+        runs, campaign.numbers, campaign.discrepancies, rig=rig, given=tuple(given), doubts=doubts
+    )
+
+
+def entered_wrongly(kind: RigKind, given: Sequence[Mapping[str, Any]], twin: AnyTwin) -> tuple[Cause, ...]:
+    """What may stand wrong in the [model] of some runs: each value that all share.
+
+    Without those that an effect of the catalogue changes.
+    """
+    of_effects = {key for effect in twin.model.effects.values() for key in _keys_of(kind, effect, twin)}
+    found = []
+    for key, setting in kind.numbers.items():
+        [centre, *others] = {kind.value(key, each) for each in given}
+        meaning = setting.meaning
+        if key in of_effects or others or centre is None or not isinstance(meaning, Quantity):
+            continue
+        low, high = (end * si_factor(meaning.unit) for end in (meaning.low, meaning.high))
+        intervals = _off(centre, meaning.unit, tolerance_of(kind, key, twin))
+        if intervals and low <= intervals[0][0] and intervals[-1][1] <= high:
+            parameter = Parameter(key, meaning.unit, intervals)
+            found.append(Cause(f"{VALUES}.{key}", VALUES, (parameter,), entered=True))
+    return tuple(found)
+
+
+def _keys_of(kind: RigKind, effect: Effect, twin: AnyTwin) -> list[str]:
+    """The keys of which an effect changes the values in a rig."""
+    if effect.sensing or effect.refusal(twin):
+        return []
+    values: dict[str, float | str] = {each.name: each.intervals[-1][1] for each in effect.parameters}
+    if effect.channels:
+        values["channel"] = effect.channels[0]
+    rig = effect.apply(twin, values).rig
+    places = {key: each.place for key, each in kind.numbers.items()}
+    there = {key: value for key, place in places.items() if (value := _value(twin.rig, place)) is not None}
+    return [key for key, value in there.items() if _value(rig, places[key]) != value]
+
+
+def _value(rig: Any, place: Place) -> Any:
+    """What stands at a place; None where a rig has none, as of what it is only made of."""
+    with suppress(AttributeError):
+        return at(rig, place)
+    return None
+
+
+def _off(centre: float, unit: str, tolerance: Tolerance | None) -> Intervals:
+    """Where a value may lie that is wrong: farther off than healthy rigs; nowhere, if that cannot be said."""
+    deviation = 0.0 if tolerance is None else tolerance.deviation
+    near, far = _NO_ERROR * deviation, _FARTHEST * deviation
+    if (tolerance is not None and not tolerance.relative) or unit == "deg":
+        if unit == "deg":
+            near, far = max(near, _NEAR_RAD), max(far, _FAR_RAD)
+        return (centre - far, centre - near), (centre + near, centre + far)
+    if not centre > 0:
+        return ()
+    near, far = max(1 + near, _NEAR), max(1 + far, _FAR)
+    return (centre / far, centre / near), (centre * near, centre * far)

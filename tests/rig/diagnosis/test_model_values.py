@@ -1,0 +1,112 @@
+"""Values of [model] that may have been entered wrongly: which, how far off, what is simulated with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.diagnosis.model_values import WithValues, entered_wrongly, tolerance_of, with_doubts
+from rig.diagnosis.recordings import setting_of
+from rig.files.scenario import parse_scenario
+from rig.rigs import RIGS
+from rig.twin.scenario_twin import twin_of
+from sim_twin.diagnosis.campaign import Campaign
+from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.subject import Draw
+from sim_twin.twin import AnyTwin
+
+BEAM, CRANK, SPATIAL = "impact_beam", "planar_slider_crank", "spatial_slider_crank"
+DRIVES = {
+    BEAM: 'frequency = "20 Hz"\namplitude = "9 N"',
+    CRANK: 'speed = "200 rpm"',
+    SPATIAL: 'speed = "200 rpm"',
+}
+
+
+def nominal(rig: str) -> AnyTwin:
+    acquisition = '[acquisition]\nsample_rate = "25.6 kHz"\nduration = "2 s"\n'
+    return twin_of(parse_scenario(f'name = "one"\nrig = "{rig}"\n[drive]\n{DRIVES[rig]}\n{acquisition}'))
+
+
+def of(rig: str, *tables: Mapping[str, Any]) -> WithValues:
+    twin = nominal(rig)
+    settings = tuple(setting_of(twin, twin.channels, 25_600.0, 10) for _ in tables or ({},))
+    return with_doubts(rig, Campaign(settings), list(tables or ({},)))
+
+
+def by_key(doubts: tuple[Cause, ...]) -> dict[str, Cause]:
+    return {cause.parameters[0].name: cause for cause in doubts}
+
+
+def draw(campaign: WithValues, key: str, value: float, *effects: tuple[str, dict[str, float]]) -> Draw:
+    [cause] = [each for each in campaign.doubts if each.parameters[0].name == key]
+    return Draw((cause.named(np.array([value])), *effects), 1)
+
+
+@pytest.mark.parametrize(
+    ("rig", "doubted", "not_doubted"),
+    [
+        (BEAM, {"beam_length", "beam_modulus", "drive_position", "yoke_frequency"},
+         {"clearance", "contact_stiffness", "contact_damping", "shaker_mass", "base_length"}),
+        (CRANK, {"crank_length", "rod_mass", "gravity", "incline", "frame_crank_x_frequency"},
+         {"clearance_1", "clearance_2"}),
+        (SPATIAL, {"slider_mass", "crank_radius", "rod_diameter", "contact_span", "incline"},
+         {"socket_clearance", "guide_stiffness", "friction"}),
+    ],
+)  # fmt: skip
+def test_a_value_may_be_wrong_unless_an_effect_is_of_it_or_the_rig_has_none(
+    rig: str, doubted: set[str], not_doubted: set[str]
+) -> None:
+    found = by_key(of(rig).doubts)
+    assert doubted <= found.keys()
+    assert not not_doubted & found.keys()
+    assert all(cause.entered and cause.location == "model" for cause in found.values())
+
+
+def test_what_runs_do_not_share_is_no_value_of_the_rig() -> None:
+    assert "drive_position" in by_key(of(BEAM, {}, {}).doubts)
+    assert "drive_position" not in by_key(of(BEAM, {}, {"drive_position": 0.5}).doubts)
+
+
+@pytest.mark.parametrize("rig", [BEAM, CRANK, SPATIAL])
+def test_a_wrong_value_lies_farther_off_than_healthy_rigs_and_where_a_rig_can_be(rig: str) -> None:
+    campaign, kind = of(rig), RIGS[rig]
+    twin = campaign.runs[0].twin
+    for key, cause in by_key(campaign.doubts).items():
+        centre = kind.value(key, {})
+        (far, near), (above, beyond) = cause.parameters[0].intervals
+        assert far < near < centre < above < beyond
+        tolerance = tolerance_of(kind, key, twin)
+        if tolerance is not None:
+            healthy = 2 * tolerance.deviation * (centre if tolerance.relative else 1.0)
+            assert above - centre >= 0.99 * healthy
+        for value in (far, beyond):
+            assert campaign.changed(0, draw(campaign, key, value).effects).rig != twin.rig
+
+
+def test_a_draw_has_the_value_and_the_effects_and_each_run_its_own_table() -> None:
+    campaign = of(BEAM, {"contact_damping": 20.0}, {"contact_damping": 40.0})
+    effects = draw(campaign, "yoke_frequency", 600.0, ("clearance", {"scale": 1.5})).effects
+    for number in range(2):
+        twin = campaign.changed(number, effects)
+        assert twin.rig.yoke_frequency == 600.0
+        assert twin.rig.clearance == pytest.approx(1.5 * campaign.runs[number].twin.rig.clearance)
+    assert [each["contact_damping"] for each in campaign.given] == [20.0, 40.0]
+    second = campaign.only((1,))
+    assert isinstance(second, WithValues)
+    assert [each["contact_damping"] for each in second.given] == [40.0]
+    assert second.changed(0, effects).rig.yoke_frequency == 600.0
+
+
+def test_what_no_rig_can_be_is_not_simulated_and_says_so() -> None:
+    campaign = of(CRANK)
+    [impossible] = campaign.observe([draw(campaign, "rod_length", 0.01)])
+    assert impossible == (None,)
+
+
+def test_a_value_that_the_model_says_is_what_it_may_be_wrong_about() -> None:
+    heavy = by_key(entered_wrongly(RIGS[CRANK], [{"rod_mass": 3.0}], nominal(CRANK)))["rod_mass"]
+    assert heavy.parameters[0].intervals[0][1] < 3.0 < heavy.parameters[0].intervals[1][0]
