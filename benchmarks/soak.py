@@ -65,7 +65,7 @@ ALL = {
     "limit": Promise(
         "A limit that is crossed is off within 0.15 s, with a generator and with a motor, also at a terminal "
         "that has stopped.",
-        ("benchmarks.reactions", "limit"),
+        ("benchmarks.reactions", "limit", "--beside", "2"),
         ("benchmarks.reactions", "limit", "--tries", "1"),
     ),
     "killed run": Promise(
