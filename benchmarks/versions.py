@@ -3,7 +3,10 @@
 Both run the same commands, turn about, on the same files. The time of a short run is taken from that of a
 long one, so that neither the start nor the end counts. All processes count, emulators too.
 `acquisition` is a run of sixteen channels between the begin and the end of its record, without the report.
-Returns 1 if the median of the ratios of any command is above 1.03, of `acquisition` above 1.1.
+`diagnosed` is the time, not of the processor, that `rattle diagnose` takes for three runs with an effect
+hidden in them, at its usual effort, with nothing kept of what was simulated before.
+Returns 1 if the median of the ratios of any command is above 1.03, of `acquisition` above 1.1, of what is
+`diagnosed` above a third.
 
 Usage: python -m benchmarks.versions OTHER [--rounds N] [--only NAME ...], where OTHER is a commit, which is
 checked out and set up for it, or a folder where that is done.
@@ -31,6 +34,7 @@ HERE = Path(__file__).parents[1]
 SIXTEEN = HERE / "scenarios" / "impact_beam_sixteen_channels.toml"
 BAR = 1.03
 ACQUISITION_BAR = 1.1
+DIAGNOSED_BAR = 1 / 3
 _RECORD_S = 20.0
 CHANNELS = """\
 rig = "impact_beam"
@@ -49,6 +53,37 @@ sample_rate = "51.2 kHz"
 settle = "0.5 s"
 duration = "{seconds} s"
 """
+
+
+EMULATION = """\
+[emulation]
+effects = "hidden.json"
+seed = 7
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Runs of so many `seconds` whose rig has an effect `hidden` in it; a scenario for each."""
+
+    scenarios: tuple[str, ...]
+    seconds: float
+    hidden: str
+
+
+DIAGNOSED = {
+    "beam diagnosed": Campaign(
+        tuple(CHANNELS.replace("20 Hz", f"{hertz} Hz") for hertz in (12, 20, 30)),
+        6.0,
+        '[{"name": "base_flexibility", "parameters": {"frequency_hz": 420.0, "mass_kg": 1.5, '
+        '"damping_ratio": 0.02}}]',
+    ),
+    "planar crank diagnosed": Campaign(
+        tuple(ROTATION.format(rig="planar_slider_crank", speed=f"{rpm} rpm") for rpm in (150, 200, 250)),
+        8.0,
+        '[{"name": "contact_stiffness", "parameters": {"scale": 0.5}}]',
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +121,7 @@ WORK = {
 }
 
 
-NAMES = [*WORK, "acquisition"]
+NAMES = [*WORK, "acquisition", *DIAGNOSED]
 
 
 def processor_s(checkout: Path, arguments: list[object]) -> float:
@@ -158,6 +193,32 @@ def while_recording(checkout: Path) -> float:
     return spent
 
 
+def campaign(given: Campaign, other: Path, folder: Path) -> list[Path]:
+    """The logs of a campaign, recorded by the other version."""
+    (folder / "hidden.json").write_text(given.hidden)
+    bench = folder / "bench.toml"
+    bench.write_text(EMULATION)
+    for number, text in enumerate(given.scenarios):
+        scenario = folder / f"{number}.toml"
+        scenario.write_text(text + ACQUISITION.format(seconds=given.seconds))
+        processor_s(other, ["run", scenario, "--bench", bench, "--out", folder])
+    return sorted(folder.glob("*.mcap"))
+
+
+def diagnosed_s(logs: list[Path], checkout: Path) -> float:
+    """Seconds from the start of a diagnosis to its end."""
+    with tempfile.TemporaryDirectory() as folder:
+        began_s = time.monotonic()
+        subprocess.run(  # noqa: S603
+            [checkout / ".venv/bin/rattle", "diagnose", *logs, "--out", folder],
+            cwd=checkout,
+            env={**os.environ, "RATTLE_SIMULATED": "0"},
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+        return time.monotonic() - began_s
+
+
 def _spent_s(processes: list[psutil.Process]) -> float:
     return sum(times.user + times.system for times in (each.cpu_times() for each in processes))
 
@@ -168,20 +229,24 @@ def compare(name: str, other: Path, rounds: int) -> bool:
     A first round fills caches.
     """
     with tempfile.TemporaryDirectory() as folder:
-        work, bar = WORK.get(name), BAR
-        if work is None:
-            measure, bar = while_recording, ACQUISITION_BAR
+        bar, unit, factor = BAR, "ms a second", 1e3
+        measure: Callable[[Path], float] = while_recording
+        if name in WORK:
+            measure = partial(cost, WORK[name], written(name, WORK[name], other, Path(folder)))
+        elif name in DIAGNOSED:
+            bar, unit, factor = DIAGNOSED_BAR, "s", 1.0
+            measure = partial(diagnosed_s, campaign(DIAGNOSED[name], other, Path(folder)))
         else:
-            measure = partial(cost, work, written(name, work, other, Path(folder)))
+            bar = ACQUISITION_BAR
         for checkout in (other, HERE):
             measure(checkout)
         costs = [(measure(HERE), measure(other)) for _ in range(rounds)]
     ratios = [this / that for this, that in costs]
     middle = statistics.median(ratios)
-    this, that = (statistics.median(each) * 1e3 for each in zip(*costs, strict=True))
+    this, that = (statistics.median(each) * factor for each in zip(*costs, strict=True))
     print(
-        f"{name}: {this:.2f} ms a second here, {that:.2f} ms there; ratio {middle:.3f}"
-        f" ({min(ratios):.3f} to {max(ratios):.3f}; bar {bar})",
+        f"{name}: {this:.2f} {unit} here, {that:.2f} there; ratio {middle:.3f}"
+        f" ({min(ratios):.3f} to {max(ratios):.3f}; bar {bar:.4g})",
         flush=True,
     )
     return middle <= bar

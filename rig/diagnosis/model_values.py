@@ -106,8 +106,15 @@ def entered_wrongly(kind: RigKind, given: Sequence[Mapping[str, Any]], twin: Any
         intervals = _off(centre, meaning.unit, tolerance_of(kind, key, twin))
         if intervals and low <= intervals[0][0] and intervals[-1][1] <= high:
             parameter = Parameter(key, meaning.unit, intervals)
-            found.append(Cause(f"{VALUES}.{key}", VALUES, (parameter,), entered=True))
+            found.append(Cause(f"{VALUES}.{key}", _where(key, twin), (parameter,), entered=True))
     return tuple(found)
+
+
+def _where(key: str, twin: AnyTwin) -> str:
+    """The place that a key is named for, if an effect has it; else the model."""
+    part = key.partition("_")[0]
+    places = (effect.location for effect in twin.model.effects.values())
+    return next((place for place in places if place in (part, f"{part}s")), VALUES)
 
 
 def _keys_of(kind: RigKind, effect: Effect, twin: AnyTwin) -> list[str]:

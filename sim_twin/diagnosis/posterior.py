@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 _CENTRES = 60
 _UNIFORM = 0.15
 _LEAST_WIDTH = 2e-3
+_NEAREST = 5
+"""Places by which the likelihood at another one is told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +39,30 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Places in the unit cube, (n, dimensions), with `weights` that sum to 1; logarithm of the evidence."""
+    """Places in the unit cube, (n, dimensions), with `weights` that sum to 1; logarithm of the evidence.
+
+    `logs`, (n,), are the logarithms of the likelihood there, where it is known.
+    """
 
     places: Array
     weights: Array
     log_evidence: float
+    logs: Array | None = None
+
+    def central(self, place: Array) -> Array:
+        """A middle `place` (dimensions,) if it is as likely as what counts; else one of these.
+
+        Between two peaks, or beside a bend along which parameters go together, there may be nothing.
+        """
+        if self.logs is None:
+            return place
+        mean = self.weights @ self.places
+        off = self.places - mean
+        inverse = np.linalg.pinv(off.T @ (self.weights[:, None] * off))
+        nearest = np.argsort(_squares(self.places - place, inverse))[:_NEAREST]
+        if np.median(self.logs[nearest]) >= self.weights @ self.logs:
+            return place
+        return np.asarray(self.places[int(np.argmax(self.logs - 0.5 * _squares(off, inverse)))])
 
     def sample(self, count: int, rng: np.random.Generator) -> Array:
         """Some of the places, as often as they weigh."""
@@ -59,6 +80,11 @@ class Posterior:
     def tempered(self, power: float) -> Posterior:
         """The same places, their weights to some power."""
         return replace(self, weights=_power(self.weights, power))
+
+
+def _squares(off: Array, inverse: Array) -> Array:
+    """Of distances (n, dimensions) in deviations, (n,)."""
+    return np.asarray(np.sum(off @ inverse * off, axis=1))
 
 
 def _power(weights: Array, power: float) -> Array:
@@ -98,7 +124,7 @@ def integrate(
     top = float(np.max(logs))
     weights = np.exp(logs - top) / density
     total = float(weights.sum())
-    return Posterior(places, weights / total, top + float(np.log(total)))
+    return Posterior(places, weights / total, top + float(np.log(total)), logs)
 
 
 @dataclass(frozen=True, slots=True)

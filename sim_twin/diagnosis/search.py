@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, parts_of, values_of
+from sim_twin.diagnosis.cause import Cause, Hypothesis, allowed_by, drawn, parts_of, places_of, values_of
 from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.gap import gap_measure
 from sim_twin.diagnosis.library import FEWEST, TOGETHER, Library, Order, learned, order_of
@@ -80,9 +80,11 @@ class Ranked:
         """The middle of the posterior, shape (parameters,); its most probable place where that may not be."""
         values, weights = self.values(), self.posterior.weights
         middle = np.array([e.value for e in self.estimates()])
-        if allowed_by(self.hypothesis, middle[None])[0]:
-            return middle
-        return np.asarray(values[int(np.argmax(weights))])
+        if not allowed_by(self.hypothesis, middle[None])[0]:
+            return np.asarray(values[int(np.argmax(weights))])
+        place = places_of(self.hypothesis, middle[None])[0]
+        central = self.posterior.central(place)
+        return middle if central is place else np.asarray(values_of(self.hypothesis, central[None])[0])
 
     def estimates(self) -> list[Estimate]:
         """Median and interval of each parameter in order; of an angle, about the mean direction."""

@@ -64,6 +64,41 @@ def test_weights_sum_to_one_and_moments_are_the_bell_s() -> None:
     assert spread == pytest.approx(width, rel=4 * uncertainty(posterior))
 
 
+def along_a_bend(u: Array) -> Array:
+    return np.asarray(-0.5 * ((u[:, 1] - 0.1 - 3 * (u[:, 0] - 0.5) ** 2) / 0.02) ** 2)
+
+
+def medians(posterior: Posterior) -> Array:
+    order = np.argsort(posterior.places, axis=0)
+    middles = []
+    for places, at in zip(posterior.places.T, order.T, strict=True):
+        below = np.cumsum(posterior.weights[at])
+        middles.append(places[at][np.searchsorted(below, 0.5)])
+    return np.array(middles)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_stands_for_a_bell_is_its_middle_and_for_a_bend_a_place_on_it(seed: int) -> None:
+    of_bell = found(np.array([0.3, 0.6, 0.4]), np.array([0.05, 0.02, 0.1]), seed)
+    middle = medians(of_bell)
+    assert of_bell.central(middle) is middle
+    bent = integrate(along_a_bend, 2, np.random.default_rng(seed))
+    middle = medians(bent)
+    # what counts lies within a deviation or two, the middle of each by itself far beside it
+    assert along_a_bend(middle[None])[0] < -8
+    central = bent.central(middle)
+    assert along_a_bend(central[None])[0] > -1
+    assert 0.2 < central[0] < 0.8
+
+
+def test_what_stands_for_two_peaks_lies_in_one_of_them() -> None:
+    def log_likelihood(u: Array) -> Array:
+        return np.asarray(np.logaddexp(*(-0.5 * ((u[:, 0] - at) / 0.01) ** 2 for at in (0.2, 0.9))))
+
+    posterior = integrate(log_likelihood, 1, np.random.default_rng(5))
+    assert min(abs(posterior.central(np.array([0.5]))[0] - at) for at in (0.2, 0.9)) < 0.02
+
+
 def test_both_of_two_peaks_are_found_with_their_shares() -> None:
     def log_likelihood(u: Array) -> Array:
         left = -0.5 * ((u[:, 0] - 0.2) / 0.01) ** 2
