@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import combinations, islice, pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -36,6 +36,7 @@ from rig.session.run import PRE_TRIGGER_S, RECORDED
 
 CRASH_S = 0.5
 """What a crash may cost of each stream, beyond what its samples came late by: that the log itself shows."""
+_MOST_PLACES = 1000
 _SHIFTS = sorted(range(-30, 31), key=abs)
 """Places tried: clocks agree better than so many samples. Not fewer: when a card began the host knows by how
 long the call took, on a busy machine half a millisecond. A block goes through whole: one sample in 101 of
@@ -247,6 +248,8 @@ def _of_card(
     if until_ns != math.inf:
         by_then = math.floor(((until_ns or 0) - card.started_ns) * card.rate / NS_PER_S) - offset
         must = min(by_then, made, planned)
+    if log.written_ns is not None and must > 0 and len(there := _of_inputs(log, card)) < len(card.inputs):
+        yield f"{len(there)} analog channels of {len(card.inputs)} inputs"
     for (origin, name), blocks in log.series.items():
         if blocks[0].sample_rate != card.rate or name == _ENCODER:
             continue
@@ -347,23 +350,23 @@ def _cards_of(
 
 def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
     """Which sample of the card is the record's first, by time and then by values."""
-    declared = [
-        name
-        for name, channel in log.channels.items()
-        if channel.raw_unit in (_ANALOG if name in log.measured else _VOLTS)
-        and (name not in log.measured or log.measured[name][0].sample_rate == card.rate)
-    ]
+    declared = _of_inputs(log, card)
     came = [name for name in declared if name in log.measured]
     if not came:
         return 0, []
     first = log.measured[came[0]][0]
     begin_s = (first.time_ns - card.started_ns) / NS_PER_S - first.first_sample / card.rate
     near = round(begin_s * card.rate)
-    # of what a crash cut soon after its begin, the first blocks of some channels may be all that was written
-    of_inputs = came if len(came) == len(card.inputs) or log.written_ns is None else declared
-    if len(of_inputs) != len(card.inputs):
-        return near, [f"{len(of_inputs)} analog channels of {len(card.inputs)} inputs"]
-    logged = {of_inputs.index(name): _whole(log.measured[name]) for name in came}
+    inputs = range(len(card.inputs))
+    if len(came) == len(inputs):
+        places = iter([tuple(inputs)])
+    elif len(came) > len(inputs) or log.written_ns is None:
+        return near, [f"{len(came)} analog channels of {len(inputs)} inputs"]
+    elif len(declared) == len(inputs):
+        places = iter([tuple(declared.index(name) for name in came)])
+    else:  # a crash soon after the begin: some were not declared yet, so values tell which came
+        places = islice(combinations(inputs, len(came)), _MOST_PLACES)
+    logged = [_whole(log.measured[name]) for name in came]
     counters = [
         name for name in log.channels if log.channels[name].raw_unit in _COUNTERS and name != _ENCODER
     ]
@@ -373,13 +376,24 @@ def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
         if log.channels[name].raw_unit == _COUNT and name in log.measured
     }
     turns = {row: round(math.tau / (log.channels[counters[row]].scale or 1.0)) for row in counts}
-    for shift in _SHIFTS:
-        if all(_alike(card, row, values, near + shift) for row, values in logged.items()) and all(
+    for rows, shift in product(places, _SHIFTS):
+        of_rows = zip(rows, logged, strict=True)
+        if all(_alike(card, row, values, near + shift) for row, values in of_rows) and all(
             _counts_alike(card, row, turns[row], each, near + shift) for row, each in counts.items()
         ):
             return near + shift, []
     told = [*came, *(counters[row] for row in counts)]
     return near, [f"the values of {', '.join(told)} are not those that were sent"]
+
+
+def _of_inputs(log: _Log, card: SentByCard) -> list[str]:
+    """What is declared of a card's analog inputs."""
+    return [
+        name
+        for name, channel in log.channels.items()
+        if channel.raw_unit in (_ANALOG if name in log.measured else _VOLTS)
+        and (name not in log.measured or log.measured[name][0].sample_rate == card.rate)
+    ]
 
 
 def _whole(blocks: Sequence[SampleBlock]) -> NDArray[np.float64]:

@@ -103,21 +103,27 @@ def found(
     name: str = "log.mcap",
     ends: Event | Sequence[Event] | None = STOP,
     cut_ns: int | None = None,
+    undeclared: str = "",
 ) -> str:
     """What the checker says of a record from the card's sample 2000 on, stopped 2 s later.
 
     `cut_ns`: as a crash leaves it that was last written then; it came when the last was sent.
     """
+    declared = (
+        Channel("force", "N", scale=2.0, raw_unit="V"),
+        Channel("strain", "N", scale=1.0, raw_unit="V"),
+        Channel("crank.angle", "rad", scale=SCALE, raw_unit="count"),
+        Channel("encoder.angle", "rad", scale=SCALE, raw_unit="count"),
+        Channel("room.temperature", "°C"),
+    )
     log_path = folder / name
     begin_ns = sample_time_ns(START_NS, BEGIN, RATE)
     with LogWriter(log_path) as log:
         log.add_metadata("scenario", {"toml": SCENARIO})
         log.add_metadata("run", {"emulated": "card encoder"})
-        log.declare("measured", Channel("force", "N", scale=2.0, raw_unit="V"))
-        log.declare("measured", Channel("strain", "N", scale=1.0, raw_unit="V"))
-        log.declare("measured", Channel("crank.angle", "rad", scale=SCALE, raw_unit="count"))
-        log.declare("measured", Channel("encoder.angle", "rad", scale=SCALE, raw_unit="count"))
-        log.declare("measured", Channel("room.temperature", "°C"))
+        for channel in declared:
+            if channel.name != undeclared:
+                log.declare("measured", channel)
         log.add_event(Event(begin_ns, "info", "rig", RECORD_START, "recording"))
         for gap in (Gap(begin_ns, "encoder.angle", LOST, 1, "frames missing"), *gaps):
             log.add_gap(gap, begin_ns)
@@ -302,11 +308,19 @@ def test_a_crash_may_cost_all_of_the_card_and_leave_the_encoder(truth: Path, rea
     assert words in said if words else said == ""
 
 
-@pytest.mark.parametrize(("read", "words"), [(BEGIN + 400, ""), (BEGIN + 1600, "force: declared, but")])
+@pytest.mark.parametrize(
+    ("read", "undeclared", "words"),
+    [
+        (BEGIN + 400, "", ""),
+        (BEGIN + 400, "force", ""),
+        (BEGIN + 1600, "", "force: declared, but"),
+        (BEGIN + 1600, "force", "1 analog channels of 2 inputs"),
+    ],
+)
 def test_a_crash_may_cost_a_channel_all_of_a_record_that_has_just_begun(
-    truth: Path, read: int, words: str
+    truth: Path, read: int, undeclared: str, words: str
 ) -> None:
-    """And what the others hold is still looked for at their own inputs."""
+    """And its declaration; and what the others hold is still looked for at their own inputs."""
     lines = [json.loads(line) for line in (truth / "daq_card-1.jsonl").read_text().splitlines()]
     told = [line | {"read": min(line["read"], read)} if "read" in line else line for line in lines]
     (truth / "daq_card-1.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in told))
@@ -319,10 +333,10 @@ def test_a_crash_may_cost_a_channel_all_of_a_record_that_has_just_begun(
         kept = cut(block)
         return replace(kept, values=kept.values[::-1]) if kept and kept.channel == "strain" else kept
 
-    said = found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS)
+    said = found(truth.parent, cut, name=RUN_NAME, ends=None, cut_ns=CRASH_NS, undeclared=undeclared)
     assert words in said if words else said == ""
     (truth.parent / RUN_NAME).unlink()
-    said = found(truth.parent, wrong, name=RUN_NAME, ends=None, cut_ns=CRASH_NS)
+    said = found(truth.parent, wrong, name=RUN_NAME, ends=None, cut_ns=CRASH_NS, undeclared=undeclared)
     assert "the values of strain" in said
 
 

@@ -53,6 +53,13 @@ def argument(findings: Findings, units: Mapping[str, str], cycles: Sequence[Typi
         "runner_up": None if findings.runner_up is None else _names(findings.runner_up[0]),
         "contrasts": _contrasts(findings, units),
         "unexplained": asdict(findings.left),
+        "not_fitting": [
+            {
+                "channel": each.channel, "with": each.partner or None, "what": each.what,
+                "about_hz": None if each.octave is None else 2.0**each.octave, "times": times,
+            }
+            for each, times in findings.not_fitting
+        ],
         "entered": [
             {"key": parameter.name, "probability": each.probability, **_in_its_unit(parameter, each.estimate)}
             for each in findings.entered

@@ -44,8 +44,6 @@ from sim_twin.diagnosis.typical_cycle import typical_cycles
 _OVERTIME = 1.6
 """Of the budget: when a loaded machine has to stop simulating, and the answer says so."""
 _LAST = 1.9
-_UNKNOWN_ENOUGH = 0.2
-"""Probability from which on the report shows what the joints' forces lack."""
 _OfCampaign: TypeAlias = Callable[[Campaign], Execute]
 
 
@@ -101,7 +99,7 @@ def diagnose_runs(
     ]
     reach = min((each for each in reaches if each is not None), default=None)
     forces = []
-    if findings.unknown >= _UNKNOWN_ENOUGH:
+    if findings.unknown >= arguments.UNKNOWN_ENOUGH:
         forces = latent_forces(data.campaign, data.records, data.sound, seed)
     catalogue = twin.model.effects
     asked = {"budget_s": budget_s, "effort": effort, "model": None if model is None else str(model)}
@@ -135,6 +133,7 @@ SECTIONS: Sequence[Section[Case]] = (
     Section("Verdict", verdict.parts),
     Section("A typical cycle", arguments.typical_cycle),
     Section("Causes", causes.ranking),
+    Section("What does not fit", arguments.what_does_not_fit),
     Section("Why not the next best", arguments.why_not),
     Section("Run by run", arguments.run_by_run),
     Section("Gap map", gap_map.parts),

@@ -48,6 +48,7 @@ SECTIONS: Sequence[Section[Case]] = (
     Section("Verdict", verdict.parts),
     Section("How far to believe it", own_rig.trust),
     Section("Causes", causes.ranking),
+    Section("What does not fit", arguments.what_does_not_fit),
     Section("Why not the next best", arguments.why_not),
     Section("Run by run", arguments.run_by_run),
     Section("Measured, nominal and repaired", own_rig.curves),

@@ -31,7 +31,7 @@ from sim_twin.diagnosis.refocus import Focus
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.separability import inseparable, separability
 from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed, Subject
-from sim_twin.diagnosis.where import alone_off, where_unknown
+from sim_twin.diagnosis.where import alone_off, not_fitting, where_unknown
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
@@ -147,6 +147,7 @@ def diagnose(
         by_location=_by_location(ranked, attribution, search.causes, belief.unexplained, unexplained_at),
         alone_off=off,
         entered=_entered(ranked, belief),
+        not_fitting=not_fitting(subject.layout, measured, explanation.like),
         separability=distances,
         measured=np.mean(measured, axis=0, dtype=np.float64),
         nominal=measure.twin,

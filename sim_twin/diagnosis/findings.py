@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.belief import Unexplained, verdict_of
 from sim_twin.diagnosis.cause import Cause, Hypothesis, effects_of
+from sim_twin.diagnosis.discrepancy import Discrepancy
 from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.diagnosis.subject import Named
@@ -108,6 +109,8 @@ class Findings:
     runs says. `alone_off` is the one channel that does not fit where all others do. Of the rigs of the
     search, and of those that its answer is judged by, there was time for the shares `searched` and `judging`.
     `entered` are values that may have been entered wrongly, most probable first; none where nobody doubted.
+    `not_fitting` are figures that the best explanation does not explain, with how many times as far off they
+    are as the farthest of rigs as it says.
     """
 
     layout: Layout
@@ -134,6 +137,7 @@ class Findings:
     judging: float = 1.0
     alone_off: str = ""
     entered: tuple[Entered, ...] = ()
+    not_fitting: tuple[tuple[Discrepancy, float], ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -12,10 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.discrepancy import Discrepancy, beyond
+from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.gap import GapMeasure
 from sim_twin.diagnosis.library import Library
 
 NOT_KNOWN = "not known"
+_FEWEST, _CLEARLY, _TOLD = 8, 2.0, 6
+"""Rigs to hold it against; how many times as far off a figure does not fit; so many are told at most."""
 _OFF = 1.6
 """Gap of a channel by itself; of ten healthy rigs about one has such a channel."""
 
@@ -31,6 +35,20 @@ def alone_off(measures: Sequence[GapMeasure], measured: NDArray[np.floating]) ->
         if len(off) == 1 and len(gaps) > 1:
             return off[0]
     return ""
+
+
+def not_fitting(
+    layout: Layout, measured: NDArray[np.floating], like: NDArray[np.floating]
+) -> tuple[tuple[Discrepancy, float], ...]:
+    """The figures of `measured` (blocks, numbers) that rigs as the best explanation says do not have.
+
+    Those `like` it have shape (n, numbers). With each how many times as far off it is as the farthest of
+    them; the farthest first.
+    """
+    if len(like) < _FEWEST:
+        return ()
+    off = [each for each in beyond(layout, measured, like[:, None]) if each[1] > _CLEARLY]
+    return tuple(sorted(off, key=lambda each: -each[1])[:_TOLD])
 
 
 def where_unknown(

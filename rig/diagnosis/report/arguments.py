@@ -13,6 +13,7 @@ from rig.diagnosis.report.case import Case, cell_words, floors, parameter_words,
 from rig.pages.content import Part, Sentence, Table
 from rig.pages.plots import Plots
 from rig.pages.words import DASH, counted, estimate, listed, probability, span
+from sim_twin.diagnosis.cause import effects_of
 
 _ROW_PX = 190
 _NAMES = {"measured": "measured", "nominal": "nominal twin", "repaired": "repaired twin"}
@@ -33,7 +34,13 @@ _SETTINGS = (
     "What each run says by itself, of what all of them together leave in question. An effect that is in the "
     "rig has the same size in every run; one that stands for another changes with the setting."
 )
+_LEFT = (
+    "What the best explanation leaves: figures of the recordings that lie farther off than those of any rig "
+    "that was simulated as it says. Something unknown shows there."
+)
 _CHANGED = 1.5
+UNKNOWN_ENOUGH = 0.2
+"""Probability of something unknown from which on the report looks for it."""
 
 
 def typical_cycle(case: Case) -> list[Part]:
@@ -52,6 +59,23 @@ def typical_cycle(case: Case) -> list[Part]:
                 style = replace(LINES[name], width=0.7 * LINES[name].width)
                 plots.line(row, name, each[whose]["phase"], each[whose]["values"], style)
     return [plots.figure("typical-cycle", _CYCLE)]
+
+
+def what_does_not_fit(case: Case) -> list[Part]:
+    """The figures that the best explanation leaves, where something unknown may be in the rig."""
+    rows = [
+        [_figure(each), DASH if each["times"] is None else f"{each['times']:.1f}"]
+        for each in case.diagnosis.get("not_fitting", [])
+    ]
+    if case.findings.unknown < UNKNOWN_ENOUGH or not rows:
+        return []
+    return [Sentence(_LEFT), Table(["figure", "times as far off"], rows, "What does not fit", words=True)]
+
+
+def _figure(each: Mapping[str, Any]) -> str:
+    whose = f"{each['channel']} with {each['with']}" if each["with"] else each["channel"]
+    where = f", about {estimate(each['about_hz'], 'Hz')}" if each["about_hz"] else ""
+    return f"{whose}: {each['what']}{where}"
 
 
 def why_not(case: Case) -> list[Part]:
@@ -96,7 +120,7 @@ def _alone(case: Case) -> list[Part]:
     rows = case.diagnosis.get("runs_alone", [])
     if not rows:
         return []
-    best = case.findings.alone[0].best if case.findings.verdict != "none" else ()
+    best = effects_of(case.findings.alone[0].best) if case.findings.verdict != "none" else ()
     sizes = [[_size(one) for one in each["parameters"]] for each in rows] if best else [[] for _ in rows]
     parameters = [
         f"{plain(cause.name)}, {parameter_words(parameter)}"

@@ -13,17 +13,22 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.diagnosis.argument import argument
 from rig.diagnosis.diagnose_runs import SECTIONS, write_report
+from rig.diagnosis.document import _finite
 from rig.diagnosis.report import verdict as verdicts
+from rig.diagnosis.report.arguments import what_does_not_fit
 from rig.diagnosis.report.before_and_after import latent_force
 from rig.diagnosis.report.before_and_after import parts as before_and_after
 from rig.diagnosis.report.case import Case, RunFacts, identified
 from rig.diagnosis.report.causes import parameters, ranking
 from rig.diagnosis.report.gap_map import parts as gap_map
 from rig.pages.content import BarTable, Figure, Sentence, Table
+from rig.pages.words import DASH
 from sim_twin.diagnosis.belief import Unexplained
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.findings import Findings, Gap, Judged
+from sim_twin.diagnosis.discrepancy import Discrepancy
+from sim_twin.diagnosis.findings import Entered, Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint import Columns, Layout
 from sim_twin.diagnosis.gap import FARTHEST
 from sim_twin.diagnosis.latent_force import DISPLACEMENT, TIME, VELOCITY, Curve, LatentForce
@@ -193,7 +198,7 @@ def test_no_view_is_empty(found: Findings) -> None:
     for section in SECTIONS:
         parts = section.parts(reported(found))
         # no force is asked for where nothing unknown acts; cycles and single runs are other findings'
-        optional = {"Latent force", "A typical cycle", "Run by run"}
+        optional = {"Latent force", "A typical cycle", "Run by run", "What does not fit"}
         assert parts or section.heading in optional, section.heading
         assert all(part.rows for part in parts if isinstance(part, Table | BarTable)), section.heading
     assert len(figures(reported(found))) == 1 + len(RUNS)
@@ -267,6 +272,55 @@ def test_the_largest_gaps_are_of_as_many_quantities_and_say_where_the_measure_en
     assert list(table.headings) == ["cell", "run", "measured", "nominal twin", "before", "after"]
     assert table.rows[0][4] == f"≥ {FARTHEST / UNIT_BEFORE:.2f}"
     assert not str(table.rows[-1][4]).startswith("≥")
+
+
+LENGTH = Cause(
+    "model.beam_length", "beam", (Parameter("beam_length", "mm", ((0.2, 0.27), (0.29, 0.36))),), entered=True
+)
+
+
+def test_a_value_that_may_be_wrong_is_named_in_the_unit_of_the_scenario() -> None:
+    wrong = replace(outside_the_catalogue(), entered=(Entered(LENGTH, 0.8, Estimate(0.262, 0.258, 0.267)),))
+    what, _ = verdicts.sentences(reported(wrong))
+    assert what.endswith(
+        "It may be that beam_length of [model] is wrong (probability 80 %): 262 mm fits, "
+        "95 % interval 258 to 267 mm."
+    )
+    [told] = argument(wrong, {}, [])["entered"]
+    assert told["key"] == "beam_length"
+    assert (told["value"], told["unit"], told["ci95"]) == (
+        pytest.approx(262.0), "mm", [pytest.approx(258.0), pytest.approx(267.0)],
+    )  # fmt: skip
+    unlikely = replace(wrong, entered=(replace(wrong.entered[0], probability=0.1),))
+    assert "beam_length" not in verdicts.sentences(reported(unlikely))[0]
+
+
+def test_an_effect_beside_a_wrong_value_shrinks_the_gap_with_it() -> None:
+    found = findings(none=0.0, effect=0.97, unknown=0.03, selected=(BASE, LENGTH))
+    assert found.names == ("base_flexibility",)
+    _, far = verdicts.sentences(reported(found))
+    assert far.startswith("With it, and with beam_length of [model] as it fits, in the twin the gap falls")
+
+
+def test_figures_that_do_not_fit_are_told_where_something_unknown_may_be_there() -> None:
+    off = (
+        (Discrepancy(UPPER, "energy", 0.8, octave=9), 5.26),
+        (Discrepancy(UPPER, "coherence", 0.2, partner=LOWER, octave=7), float("inf")),
+        (Discrepancy(LOWER, "peak", 0.2), 2.3),
+    )
+
+    def told(found: Findings) -> list[Any]:
+        found = replace(found, not_fitting=off)
+        content = json.loads(json.dumps(_finite(argument(found, {}, []))))
+        return what_does_not_fit(replace(reported(found), diagnosis=content))
+
+    _, table = told(outside_the_catalogue())
+    assert [list(row) for row in table.rows] == [
+        [f"{UPPER}: energy, about 512 Hz", "5.3"],
+        [f"{UPPER} with {LOWER}: coherence, about 128 Hz", DASH],
+        [f"{LOWER}: peak", "2.3"],
+    ]
+    assert told(nothing_missing()) == []
 
 
 def test_the_runner_up_is_drawn_where_it_fails() -> None:

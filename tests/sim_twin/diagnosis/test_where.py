@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from sim_twin.diagnosis.cause import Cause
+from sim_twin.diagnosis.fingerprint import Layout, of_cycles
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.library import Library, order_of
-from sim_twin.diagnosis.where import NOT_KNOWN, alone_off, where_unknown
+from sim_twin.diagnosis.where import NOT_KNOWN, alone_off, not_fitting, where_unknown
 from tests.sim_twin.diagnosis.toy import CELLS, CHANNELS, SIZE, Blocks, Toy, healthy_rig, recording, shown
 
 OF_ONE = (np.arange(CELLS) % len(CHANNELS) == 0).astype(float)
@@ -49,6 +50,19 @@ def test_a_channel_that_alone_is_off_is_named(moved: np.ndarray, channel: str) -
 def test_no_channel_is_named_where_several_or_none_are_off() -> None:
     assert alone_off((measure(),), rig(500, 6 * np.ones(CELLS), 4)) == ""
     assert [alone_off((measure(),), rig(500 + k, np.zeros(CELLS), 4)) for k in range(20)] == [""] * 20
+
+
+def test_figures_that_do_not_fit_are_those_that_no_rig_like_it_has() -> None:
+    cells = tuple(of_cycles(0, CHANNELS[k % 4], f"height {k // 24}") for k in range(CELLS))
+    like = np.array([rig(k, np.zeros(CELLS))[0] for k in range(30)])
+    late = OF_ONE * (np.arange(CELLS) >= 24)
+    [(found, times)] = not_fitting(Layout(cells), rig(500, 3 * late, 4), like)
+    assert (found.channel, found.what) == ("one", "height 1")
+    assert found.deviation == pytest.approx(3.0, abs=0.5)
+    assert times > 5
+    assert not_fitting(Layout(cells), rig(500, 3 * late, 4), like[:5]) == ()  # too few to tell
+    healthy = [not_fitting(Layout(cells), rig(500 + k, np.zeros(CELLS), 4), like) for k in range(20)]
+    assert sum(map(len, healthy)) <= 4  # of 160
 
 
 def test_a_channel_may_be_off_beside_what_is_explained() -> None:
