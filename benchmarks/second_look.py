@@ -90,7 +90,7 @@ def recorded(rig: str, folder: Path, cache: Path) -> list[Path]:
     (folder / "hidden.json").write_text(hidden)
     bench = folder / "bench.toml"
     bench.write_text(EMULATION)
-    logs = []
+    logs = list[Path]()
     for number, text in enumerate(scenarios):
         scenario, out = folder / f"{number}.toml", folder / str(number)
         scenario.write_text(text + ACQUISITION.format(seconds=seconds))

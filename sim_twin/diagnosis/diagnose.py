@@ -116,16 +116,7 @@ def diagnose(
     if focus is not None:
         fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, rng))
     repaired = _repaired(fits, focus, effort.judge // _CONFIRMING, judging, rng)
-    chosen = None
-    if belief.verdict == "effect":
-        chosen = next((each for each in candidates if effects_of(each.hypothesis)), None)
-    if chosen is not None:
-        every = {cause.name for cause in chosen.hypothesis}
-        chosen = without_idle_partners(chosen, candidates, repaired, measure, judged_on)
-        belief = belief.without(every - {cause.name for cause in chosen.hypothesis})
-    twins = repaired.get(chosen.hypothesis) if chosen else None
-    if twins is not None and leads_away(measure, judged_on, twins):
-        chosen, twins, belief = None, None, belief.refuted()
+    chosen, twins, belief = _chosen(candidates, repaired, belief, measure, judged_on)
     distances = separability(attribution, ranked, rng)
     selected = chosen.hypothesis if chosen else ()
     moved = None if twins is None else moved_by(fits[selected], focus, library, rng, searched)
@@ -194,6 +185,28 @@ def _runner_up(
     taken = {cause.name for cause in selected}
     apart = [h for h in others if taken.isdisjoint(cause.name for cause in h)]
     return next(iter(apart or others), None)
+
+
+def _chosen(
+    candidates: Sequence[Ranked],
+    repaired: Mapping[Hypothesis, Array],
+    belief: Belief,
+    measure: GapMeasure,
+    judged_on: Blocks,
+) -> tuple[Ranked | None, Array | None, Belief]:
+    """What is selected, if anything, rigs with it (n, numbers), and what is believed once it was judged."""
+    if belief.verdict != "effect":
+        return None, None, belief
+    found = next((each for each in candidates if effects_of(each.hypothesis)), None)
+    if found is None:
+        return None, None, belief
+    chosen = without_idle_partners(found, candidates, repaired, measure, judged_on)
+    idle = {cause.name for cause in found.hypothesis if cause not in chosen.hypothesis}
+    belief, twins = belief.without(idle), repaired.get(chosen.hypothesis)
+    astray = twins is not None and leads_away(measure, judged_on, twins)
+    if astray or not effects_of(chosen.hypothesis):  # a wrong value alone mends as much
+        return None, None, belief.refuted()
+    return chosen, twins, belief
 
 
 def _candidates(ranked: Sequence[Ranked], attribution: Attribution) -> list[Ranked]:

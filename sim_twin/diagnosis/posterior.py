@@ -58,7 +58,7 @@ class Posterior:
             return place
         mean = self.weights @ self.places
         off = self.places - mean
-        inverse = np.linalg.pinv(off.T @ (self.weights[:, None] * off))
+        inverse = np.asarray(np.linalg.pinv(off.T @ (self.weights[:, None] * off)), np.float64)
         nearest = np.argsort(_squares(self.places - place, inverse))[:_NEAREST]
         if np.median(self.logs[nearest]) >= self.weights @ self.logs:
             return place

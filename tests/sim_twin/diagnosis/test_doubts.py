@@ -25,7 +25,8 @@ def found(sizes: Sequence[tuple[str, float]], seed: int, subject: Toy = DOUBTING
 def test_a_wrong_value_is_unknown_to_the_catalogue_and_told_with_its_size(seed: int) -> None:
     findings = found(((LENGTH.name, 3.0),), seed)
     assert findings.verdict == "unknown"
-    assert findings.selected == findings.effects == ()
+    assert findings.selected == ()
+    assert findings.effects == ()
     [length] = findings.entered
     assert length.cause == LENGTH
     assert length.probability > 0.8
