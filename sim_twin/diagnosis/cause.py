@@ -109,7 +109,7 @@ def values_of(hypothesis: Hypothesis, u: Array) -> Array:
 def places_of(hypothesis: Hypothesis, values: Array) -> Array:
     """Places in the unit cube of parameters (n, parameters): the inverse of `values_of`."""
     parts = zip(hypothesis, parts_of(hypothesis), strict=True)
-    return np.concatenate([cause.places(values[:, at]) for cause, at in parts], axis=1)
+    return np.concatenate([np.zeros((len(values), 0)), *(c.places(values[:, at]) for c, at in parts)], axis=1)
 
 
 def allowed_by(hypothesis: Hypothesis, values: Array) -> NDArray[np.bool_]:
