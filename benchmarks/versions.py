@@ -5,6 +5,7 @@ long one, so that neither the start nor the end counts. All processes count, emu
 `acquisition` is a run of sixteen channels between the begin and the end of its record, without the report.
 `diagnosed` is the time, not of the processor, that `rattle diagnose` takes for three runs with an effect
 hidden in them, at its usual effort, with nothing kept of what was simulated before.
+What is `diagnosed` is looked at only where it is asked for: its bar is one against 474bf0b.
 Returns 1 if the median of the ratios of any command is above 1.03, of `acquisition` above 1.1, of what is
 `diagnosed` above a third.
 
@@ -276,7 +277,7 @@ def main() -> int:
     )
     parser.add_argument("other", help="commit, or folder with the other version, set up")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--only", nargs="*", choices=NAMES, default=NAMES)
+    parser.add_argument("--only", nargs="*", choices=NAMES, default=NAMES[: -len(DIAGNOSED)])
     given = parser.parse_args()
     with checked_out(given.other) as other:
         held = [compare(name, other, given.rounds) for name in given.only]

@@ -36,7 +36,7 @@ from rig.session.run import PRE_TRIGGER_S, RECORDED
 
 CRASH_S = 0.5
 """What a crash may cost of each stream, beyond what its samples came late by: that the log itself shows."""
-_MOST_PLACES = 1000
+_MOST_PLACES = 20_000
 _SHIFTS = sorted(range(-30, 31), key=abs)
 """Places tried: clocks agree better than so many samples. Not fewer: when a card began the host knows by how
 long the call took, on a busy machine half a millisecond. A block goes through whole: one sample in 101 of
@@ -248,7 +248,7 @@ def _of_card(
     if until_ns != math.inf:
         by_then = math.floor(((until_ns or 0) - card.started_ns) * card.rate / NS_PER_S) - offset
         must = min(by_then, made, planned)
-    if log.written_ns is not None and must > 0 and len(there := _of_inputs(log, card)) < len(card.inputs):
+    if log.written_ns is not None and must > 0 and len(there := _of_inputs(log, card)) != len(card.inputs):
         yield f"{len(there)} analog channels of {len(card.inputs)} inputs"
     for (origin, name), blocks in log.series.items():
         if blocks[0].sample_rate != card.rate or name == _ENCODER:
@@ -352,15 +352,18 @@ def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
     """Which sample of the card is the record's first, by time and then by values."""
     declared = _of_inputs(log, card)
     came = [name for name in declared if name in log.measured]
-    if not came:
+    of_card = (blocks[0] for name, blocks in log.measured.items() if name != _ENCODER)
+    first = next((block for block in of_card if block.sample_rate == card.rate), None)
+    if first is None:
         return 0, []
-    first = log.measured[came[0]][0]
     begin_s = (first.time_ns - card.started_ns) / NS_PER_S - first.first_sample / card.rate
     near = round(begin_s * card.rate)
+    if not came:
+        return near, []
     inputs = range(len(card.inputs))
     if len(came) == len(inputs):
         places = iter([tuple(inputs)])
-    elif len(came) > len(inputs) or log.written_ns is None:
+    elif max(len(came), len(declared)) > len(inputs) or log.written_ns is None:
         return near, [f"{len(came)} analog channels of {len(inputs)} inputs"]
     elif len(declared) == len(inputs):
         places = iter([tuple(declared.index(name) for name in came)])

@@ -10,14 +10,11 @@ from typing import Any
 import numpy as np
 
 from daq.signals.envelope import envelope
-from rig.files.quantity import si_factor
 from rig.pages.words import counted, estimate, probability, span
 from sim_twin.diagnosis.cause import Hypothesis
 from sim_twin.diagnosis.findings import Findings
 from sim_twin.diagnosis.fingerprint import Cell
-from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.diagnosis.typical_cycle import TypicalCycle
-from sim_twin.effects import Parameter
 
 _DECIBELS = 10 / log(10)
 _POINTS = 600
@@ -61,7 +58,10 @@ def argument(findings: Findings, units: Mapping[str, str], cycles: Sequence[Typi
             for each, times in findings.not_fitting
         ],
         "entered": [
-            {"key": parameter.name, "probability": each.probability, **_in_its_unit(parameter, each.estimate)}
+            {
+                "key": parameter.name, "probability": each.probability, "unit": parameter.unit,
+                "value": each.estimate.value, "ci95": [each.estimate.low, each.estimate.high],
+            }
             for each in findings.entered
             for parameter in each.cause.parameters
             if each.probability >= _BELIEVED
@@ -94,12 +94,6 @@ def argument(findings: Findings, units: Mapping[str, str], cycles: Sequence[Typi
             for each in cycles
         ],
     }  # fmt: skip
-
-
-def _in_its_unit(parameter: Parameter, found: Estimate) -> dict[str, Any]:
-    """A value of [model] as a scenario has it."""
-    value, *ends = (each / si_factor(parameter.unit) for each in (found.value, found.low, found.high))
-    return {"unit": parameter.unit, "value": value, "ci95": ends}
 
 
 def _names(hypothesis: Hypothesis) -> list[str]:

@@ -67,6 +67,8 @@ def diagnose_runs(
     check_out(out)
     with screen.busy("reading", reading("read for a diagnosis", *runs)):
         data = recorded_of(runs, model, screen)
+        known = _model_of(model, data)
+        data = _doubted(data, known)
     remarks = list(data.remarks)
     for remark in remarks:
         screen.warn(remark)
@@ -87,7 +89,7 @@ def diagnose_runs(
             later = Simulated(campaign, workers, began + _LAST * latest_s, lambda _: None)
             return Kept(campaign, told, screen.warn).by(later)
 
-        experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
+        experiment = _next_experiment(data, known, rivals_of(findings), simulate, seed)
     if simulated.cut_short:
         remarks.append(of_cut_short(findings.searched, findings.judging))
     if not findings.held_out:
@@ -111,7 +113,7 @@ def diagnose_runs(
     facts = [RunFacts(run.name, parse_scenario(text).name, units) for run, text in pairs]
     case = Case(findings, {}, facts, remarks, forces, out)
     drawn = [(number, name) for name, number in case.drawn_channels()]
-    cycles = typical_cycles(data.campaign, data.records, data.sound, drawn, findings.effects, seed)
+    cycles = typical_cycles(data.campaign, data.records, data.sound, drawn, findings.put_in, seed)
     seconds = time.monotonic() - began
     content = document(
         findings, catalogue, data.paths, said, reach, experiment, seconds, remarks, forces, units, cycles
@@ -160,9 +162,15 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
     if known is None:
         return data
     scenarios = [parse_scenario(text) for text in data.scenarios]
-    campaign = campaign_with_model(data.campaign, known, scenarios, screen.warn)
-    held = [{**each.model, **held_values(known, each)} for each in scenarios]
-    return replace(data, campaign=with_doubts(scenarios[0].rig, campaign, held))
+    return replace(data, campaign=campaign_with_model(data.campaign, known, scenarios, screen.warn))
+
+
+def _doubted(data: RecordedCampaign, known: ModelFile | None) -> RecordedCampaign:
+    """The same runs, of which values of [model] may have been entered wrongly."""
+    scenarios = [parse_scenario(text) for text in data.scenarios]
+    held = [{} if known is None else held_values(known, each) for each in scenarios]
+    given = [{**each.model, **values} for each, values in zip(scenarios, held, strict=True)]
+    return replace(data, campaign=with_doubts(scenarios[0].rig, data.campaign, given))
 
 
 def _text_of(model: Path | None) -> str:

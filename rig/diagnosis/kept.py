@@ -23,8 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sim_twin
+from rig.diagnosis.model_values import WithValues
 from rig.ensembles import Simulated
 from rig.files.cache import cache_folder
+from rig.rigs.kind import RigKind
 from sim_twin.diagnosis.campaign import Campaign, RunSetting, joined
 from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.subject import Draw, Execute, Observed
@@ -37,6 +39,8 @@ _SHAPE: Final = struct.Struct("<ii")
 _MOST_BYTES, _MOST_A_FILE = 2_000_000_000, 250_000_000
 """Of all files; and of one, which is held in memory."""
 _DIGEST = 16
+_CHANGING = (WithValues, RigKind)
+"""What changes values of a rig, beside the program that simulates it."""
 _DAMAGE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zlib.error, BadZipFile)
 """What NumPy and zipfile raise where a byte is another."""
 
@@ -72,9 +76,16 @@ class Kept:
 
     def lacking(self, draws: Sequence[Draw]) -> list[Draw]:
         """Those of which not all is kept."""
-        digests = (digest_of(replace(draw, runs=())) for draw in draws)
+        digests = (self._digest(replace(draw, runs=())) for draw in draws)
         known = (all(digest in file.known for file in self._files) for digest in digests)
         return [draw for draw, kept in zip(draws, known, strict=True) if not kept]
+
+    def _digest(self, draw: Draw) -> bytes:
+        """Of a draw, and of what its values are changed from, where it has any."""
+        campaign = self._campaign
+        if isinstance(campaign, WithValues) and campaign.has_values(draw):
+            return digest_of(draw, campaign.given)
+        return digest_of(draw)
 
     def by(self, simulated: Simulated) -> Execute:
         """Has `simulated` observe draws, except what is kept of each run."""
@@ -84,7 +95,7 @@ class Kept:
         every = tuple(range(len(self._files)))
         wanted = [draw.runs or every for draw in draws]
         draws = [replace(draw, runs=()) for draw in draws]
-        digests = [digest_of(draw) for draw in draws]
+        digests = [self._digest(draw) for draw in draws]
         of_runs = [
             {k: self._files[k].known.get(digest) for k in runs}
             for digest, runs in zip(digests, wanted, strict=True)
@@ -214,7 +225,9 @@ def setting_told(setting: RunSetting) -> tuple[object, ...]:
 
 def version_of(setting: RunSetting) -> str:
     """A digest of the program that simulates a setting."""
-    return sources_of(sim_twin.__file__)[:32] + sources_of(inspect.getfile(type(setting.twin.rig)))[:32]
+    changing = hashlib.sha256(b"".join(Path(inspect.getfile(each)).read_bytes() for each in _CHANGING))
+    rig = sources_of(inspect.getfile(type(setting.twin.rig)))
+    return sources_of(sim_twin.__file__)[:32] + rig[:16] + changing.hexdigest()[:16]
 
 
 @cache

@@ -30,9 +30,10 @@ _NEAR_RAD, _FAR_RAD = 0.02, 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WithValues(Campaign):
-    """Runs whose draws may give values of [model] among their effects, by the name of `VALUES`.
+    """Runs whose draws may give values of [model] among their effects.
 
-    `given` is what [model] gives of each run, `doubts` are the values that may be wrong there.
+    Those of the name `VALUES` are in SI, those of a cause in the unit that its key has in a file. `given` is
+    what [model] gives of each run, `doubts` are the values that may be wrong there.
     """
 
     rig: str
@@ -43,11 +44,17 @@ class WithValues(Campaign):
         return Campaign.only(replace(self, given=tuple(self.given[k] for k in numbers)), numbers)
 
     def changed(self, number: int, effects: tuple[Named, ...]) -> AnyTwin:
-        values = {key: value for name, each in effects if _of_model(name) for key, value in each.items()}
+        kind = RIGS[self.rig]
+        values = dict[str, Any]()
+        for name, each in effects:
+            if name == VALUES:
+                values |= each
+            elif _of_model(name):
+                values |= {key: float(value) * _factor(kind, key) for key, value in each.items()}
         if not values:
             return Campaign.changed(self, number, effects)
         run = self.runs[number]
-        rig = RIGS[self.rig].changed(run.twin.rig, self.given[number], values)
+        rig = kind.changed(run.twin.rig, self.given[number], values)
         runs = list(self.runs)
         runs[number] = replace(run, twin=replace(run.twin, rig=rig))
         others = tuple(each for each in effects if not _of_model(each[0]))
@@ -60,8 +67,12 @@ class WithValues(Campaign):
         shown = zip(draws, can, strict=True)
         return [next(observed) if kept else (None,) * len(draw.sensing) for draw, kept in shown]
 
+    def has_values(self, draw: Draw) -> bool:
+        """Whether a draw gives values of [model]."""
+        return any(_of_model(name) for name, _ in draw.effects)
+
     def _can_be(self, draw: Draw) -> bool:
-        if not any(_of_model(name) for name, _ in draw.effects):
+        if not self.has_values(draw):
             return True
         try:
             for number in draw.runs or range(len(self.runs)):
@@ -91,7 +102,7 @@ def with_doubts(rig: str, campaign: Campaign, given: Sequence[Mapping[str, Any]]
 
 
 def entered_wrongly(kind: RigKind, given: Sequence[Mapping[str, Any]], twin: AnyTwin) -> tuple[Cause, ...]:
-    """What may stand wrong in the [model] of some runs: each value that all share.
+    """What may stand wrong in the [model] of some runs: each value that all share, about that of the `twin`.
 
     Without those that an effect of the catalogue changes.
     """
@@ -102,12 +113,23 @@ def entered_wrongly(kind: RigKind, given: Sequence[Mapping[str, Any]], twin: Any
         meaning = setting.meaning
         if key in of_effects or others or centre is None or not isinstance(meaning, Quantity):
             continue
-        low, high = (end * si_factor(meaning.unit) for end in (meaning.low, meaning.high))
-        intervals = _off(centre, meaning.unit, tolerance_of(kind, key, twin))
-        if intervals and low <= intervals[0][0] and intervals[-1][1] <= high:
-            parameter = Parameter(key, meaning.unit, intervals)
+        known, factor = _value(twin.rig, setting.place), _factor(kind, key)
+        intervals = tuple(
+            (max(low / factor, meaning.low), min(high / factor, meaning.high))
+            for low, high in _off(
+                centre if known is None else known, meaning.unit, tolerance_of(kind, key, twin)
+            )
+        )
+        if inside := tuple((low, high) for low, high in intervals if low < high):
+            parameter = Parameter(key, meaning.unit, inside)
             found.append(Cause(f"{VALUES}.{key}", _where(key, twin), (parameter,), entered=True))
     return tuple(found)
+
+
+def _factor(kind: RigKind, key: str) -> float:
+    """From the unit that a key has in a file to SI."""
+    meaning = kind.numbers[key].meaning
+    return si_factor(meaning.unit) if isinstance(meaning, Quantity) else 1.0
 
 
 def _where(key: str, twin: AnyTwin) -> str:
@@ -117,17 +139,22 @@ def _where(key: str, twin: AnyTwin) -> str:
     return next((place for place in places if place in (part, f"{part}s")), VALUES)
 
 
-def _keys_of(kind: RigKind, effect: Effect, twin: AnyTwin) -> list[str]:
-    """The keys of which an effect changes the values in a rig."""
+def _keys_of(kind: RigKind, effect: Effect, twin: AnyTwin) -> set[str]:
+    """The keys of which an effect changes the values in a rig, on any of its channels."""
     if effect.sensing or effect.refusal(twin):
-        return []
-    values: dict[str, float | str] = {each.name: each.intervals[-1][1] for each in effect.parameters}
-    if effect.channels:
-        values["channel"] = effect.channels[0]
-    rig = effect.apply(twin, values).rig
+        return set()
     places = {key: each.place for key, each in kind.numbers.items()}
     there = {key: value for key, place in places.items() if (value := _value(twin.rig, place)) is not None}
-    return [key for key, value in there.items() if _value(rig, places[key]) != value]
+    found = set[str]()
+    for channel in effect.channels or ("",):
+        for end in (0, -1):
+            values: dict[str, float | str] = {
+                each.name: each.intervals[end][end] for each in effect.parameters
+            }
+            with suppress(ValueError):  # these may not go together, or be on this rig
+                rig = effect.apply(twin, {"channel": channel, **values} if channel else values).rig
+                found |= {key for key, value in there.items() if _value(rig, places[key]) != value}
+    return found
 
 
 def _value(rig: Any, place: Place) -> Any:

@@ -16,7 +16,6 @@ from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError, Problem
 from daq.log.reader import LogReader
-from rig.diagnosis.model_values import with_doubts
 from rig.ensembles import cores
 from rig.files.scenario import Scenario
 from rig.files.table import NOTHING
@@ -202,9 +201,8 @@ def recorded(
         refused = [(effect.name, effect.refusal(run.twin)) for effect in effects]
         not_looked = [f"{name} was not looked for ({reason})" for name, reason in refused if reason]
         remarks += [f"{run.path.name}: {remark}" for remark in (*run.remarks, *not_looked)]
-    given = [run.scenario.model for run in runs]
     return RecordedCampaign(
-        with_doubts(runs[0].scenario.rig, Campaign(tuple(settings)), given),
+        Campaign(tuple(settings)),
         np.concatenate([each[at] for each, at in zip(blocks, rows, strict=True)], axis=1),
         told=tuple(count**2 / float(np.sum(np.bincount(at) ** 2)) for at in rows),
         paths=tuple(run.path for run in runs),

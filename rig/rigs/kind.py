@@ -129,11 +129,18 @@ class RigKind:
         return at(self.built(given), setting.place)
 
     def changed(self, rig: Any, given: Mapping[str, Any], values: Mapping[str, Any]) -> Any:
-        """A `rig` of what [model] gives with other `values` of some keys; raises like `built`."""
-        before, after = self.built(given), self.built({**given, **values})
-        names = [each.name for each in fields(after)]
-        new = {name: getattr(after, name) for name in names if getattr(after, name) != getattr(before, name)}
-        return replace(rig, **new)
+        """A `rig` of what [model] gives with other `values` of some keys; raises like `built`.
+
+        What has been found of its parts otherwise stays, but for parts that are made of such a value.
+        """
+        of_parts = values.keys() & signature(self.nominal).parameters.keys()
+        if of_parts:
+            made = {key: values[key] for key in of_parts}
+            before, after = self.built(given), self.built({**given, **made})
+            parts = {each.name: getattr(after, each.name) for each in fields(after)}
+            new = {name: part for name, part in parts.items() if part != getattr(before, name)}
+            rig = replace(rig, **new)
+        return _with(rig, {self.model[key].place: values[key] for key in values.keys() - of_parts})
 
     def twin(self, given: Mapping[str, Any], drive: Any, channels: tuple[str, ...]) -> AnyTwin:
         """The nominal twin of a rig that is measured in `channels`; raises like `built`."""

@@ -119,12 +119,15 @@ class Belief:
         return replace(self, unexplained=unexplained, of_effects=kept, present=present)
 
     def without(self, idle: Collection[str]) -> Belief:
-        """The same after data that were not fitted showed that these effects mend nothing beside others."""
-        present = {
-            name: max(_REFUTED * share, self.of_effects.get(name, 0.0)) if name in idle else share
-            for name, share in self.present.items()
-        }
-        return replace(self, present=present)
+        """The same after data that were not fitted showed that these causes mend nothing beside others."""
+        present, entered = (
+            {
+                name: max(_REFUTED * share, self.of_effects.get(name, 0.0)) if name in idle else share
+                for name, share in shares.items()
+            }
+            for shares in (self.present, self.entered)
+        )
+        return replace(self, present=present, entered=entered)
 
 
 def belief_of(

@@ -14,17 +14,28 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from daq.errors import SimulationFailed
-from sim_twin.diagnosis.cause import Hypothesis, allowed_by, drawn, named, parts_of, places_of, values_of
+from sim_twin.diagnosis.cause import (
+    Cause,
+    Hypothesis,
+    allowed_by,
+    drawn,
+    named,
+    parts_of,
+    places_of,
+    values_of,
+)
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.posterior import Posterior
 from sim_twin.diagnosis.refocus import on_side_of
-from sim_twin.diagnosis.search import BEFOREHAND, Ranked, Search, doubts_of, in_order
+from sim_twin.diagnosis.search import BEFOREHAND, Ranked, Search, in_order
 from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed
 
 Array = NDArray[np.float64]
 _ABOUT, _WIDER = 0.5, 0.2
 """Share of the places that lie about what was found, of its weights to that power; the rest lies anywhere."""
 _PLACES = 400
+_DOUBTED = 6
+"""So many values are looked at beside an effect."""
 _APART = 17
 """Keeps what is drawn of the found effects apart from what else a draw's seed decides."""
 
@@ -36,7 +47,7 @@ def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Rank
     there was no time.
     """
     names = {cause.name for cause in found.hypothesis}
-    every = dict.fromkeys((*search.causes, *doubts_of(search.subject)))
+    every = [*(cause for cause in search.causes if not cause.entered), *_doubts_beside(search, found, rng)]
     others = [c for c in every if c not in found.hypothesis and (c.name not in names or c.channel)]
     room = len(BEFOREHAND) - 1 - len(found.hypothesis)
     if not found.hypothesis or room < 1 or not others:
@@ -44,8 +55,9 @@ def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Rank
     wide = _wide(found, rng)
     with_found = _With(search.execute, found.hypothesis, wide)
     second = Search(
-        search.subject, search.measured, with_found, rng, Library(), search.motions, search.told, others
-    )
+        search.subject, search.measured, with_found, rng, Library(), search.motions, search.told, others,
+        doubting=False,
+    )  # fmt: skip
     try:
         _, ranked = second.run()
     except SimulationFailed:
@@ -54,6 +66,20 @@ def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Rank
         return None
     added = next(each for each in ranked if 0 < len(each.hypothesis) <= room)
     return _joined(replace(found, posterior=wide), added, rng)
+
+
+def _doubts_beside(search: Search, found: Ranked, rng: np.random.Generator) -> list[Cause]:
+    """The values that explain most beside the one effect that was found, if they were entered wrongly."""
+    if len(found.hypothesis) != 1 or not search.doubt():
+        return []
+    attribution = search.learn()
+    known = [c for c in search.causes if c.entered and (c,) in attribution.emulators]
+    pairs = [in_order(found.hypothesis[0], cause) for cause in known if cause not in found.hypothesis]
+    if not pairs:
+        return []
+    place = attribution.place(search.measured).mean(axis=0)
+    best = np.argsort(attribution.glances(pairs, place, rng))[::-1][:_DOUBTED]
+    return [next(cause for cause in pairs[k] if cause not in found.hypothesis) for k in best]
 
 
 @dataclass(slots=True)

@@ -26,11 +26,11 @@ from sim_twin.diagnosis.judging import (
     repaired_twins,
     without_idle_partners,
 )
-from sim_twin.diagnosis.library import Library
+from sim_twin.diagnosis.library import FEWEST, Library
 from sim_twin.diagnosis.refocus import Focus
-from sim_twin.diagnosis.search import Ranked, Search
+from sim_twin.diagnosis.search import Ranked, Search, doubts_of
 from sim_twin.diagnosis.separability import inseparable, separability
-from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed, Subject
+from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
 from sim_twin.diagnosis.where import alone_off, not_fitting, where_unknown
 
 Array = NDArray[np.float64]
@@ -53,11 +53,14 @@ _FEWEST_ABOUT = 24
 class Effort:
     """How often all runs of a campaign may be simulated: for the search, and for the judging after it.
 
+    `doubts` more where no effect explains them.
+
     Fixed beforehand, so that the same seed gives the same answer anywhere.
     """
 
     search: int
     judge: int
+    doubts: int = 0
 
     @property
     def motions(self) -> int:
@@ -65,8 +68,8 @@ class Effort:
 
     @property
     def most(self) -> int:
-        """With another search, beside what was found."""
-        return self.motions + self.search
+        """With another search, beside what was found, and values that may have been entered wrongly."""
+        return self.motions + self.search + self.doubts
 
 
 def effort_for(campaign: Campaign, budget_s: float) -> Effort:
@@ -76,7 +79,7 @@ def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     motions = min(_SIMULATING * budget_s * _CORES * rated / seconds, _A_SECOND * budget_s)
     motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
     judge = max(36, motions // 6)
-    return Effort(motions - judge, judge)
+    return Effort(motions - judge, judge, FEWEST * len(doubts_of(campaign)))
 
 
 def diagnose(
@@ -105,7 +108,8 @@ def diagnose(
     rigs = max(_FEWEST_ABOUT, effort.judge // 2)
     explaining = Explaining(search, attribution, measure, rigs, judging, rng)
     explanation = explaining.completed(explaining.explained(ranked[0]))
-    if search.bring_back([(cause,) for cause in explanation.best.hypothesis]):
+    known = search.bring_back([(cause,) for cause in explanation.best.hypothesis])
+    if known or explanation.best.hypothesis != ranked[0].hypothesis:  # values may have been doubted meanwhile
         attribution = search.learn()
     ranked = explaining.believed(ranked, explanation)
     focus, left = explanation.focus, explanation.left
@@ -118,7 +122,7 @@ def diagnose(
     repaired = _repaired(fits, focus, effort.judge // _CONFIRMING, judging, rng)
     chosen, twins, belief = _chosen(candidates, repaired, belief, measure, judged_on)
     distances = separability(attribution, ranked, rng)
-    selected = chosen.hypothesis if chosen else ()
+    selected, put_in = (chosen.hypothesis, named(chosen.hypothesis, chosen.best())) if chosen else ((), ())
     moved = None if twins is None else moved_by(fits[selected], focus, library, rng, searched)
     gap = gap_between(measure, judged_on, measured, twins, rng, chosen is not None, moved)
     runner_up = _runner_up(candidates, repaired, selected)
@@ -133,7 +137,8 @@ def diagnose(
         unknown=belief.unknown,
         judged=tuple(inseparable(judged, distances)),
         selected=selected,
-        effects=_effects_of(chosen) if chosen else (),
+        effects=tuple(each for cause, each in zip(selected, put_in, strict=True) if not cause.entered),
+        put_in=put_in,
         gap=gap,
         by_location=_by_location(ranked, attribution, search.causes, belief.unexplained, unexplained_at),
         alone_off=off,
@@ -195,25 +200,21 @@ def _chosen(
     judged_on: Blocks,
 ) -> tuple[Ranked | None, Array | None, Belief]:
     """What is selected, if anything, rigs with it (n, numbers), and what is believed once it was judged."""
-    if belief.verdict != "effect":
+    if belief.verdict != "effect" or not candidates:
         return None, None, belief
-    found = next((each for each in candidates if effects_of(each.hypothesis)), None)
-    if found is None:
-        return None, None, belief
+    found = candidates[0]
     chosen = without_idle_partners(found, candidates, repaired, measure, judged_on)
-    idle = {cause.name for cause in found.hypothesis if cause not in chosen.hypothesis}
-    belief, twins = belief.without(idle), repaired.get(chosen.hypothesis)
-    astray = twins is not None and leads_away(measure, judged_on, twins)
-    if astray or not effects_of(chosen.hypothesis):  # a wrong value alone mends as much
+    names, kept = ({cause.name for cause in each.hypothesis} for each in (found, chosen))
+    belief, twins = belief.without(names - kept), repaired.get(chosen.hypothesis)
+    if twins is not None and leads_away(measure, judged_on, twins):
         return None, None, belief.refuted()
     return chosen, twins, belief
 
 
 def _candidates(ranked: Sequence[Ranked], attribution: Attribution) -> list[Ranked]:
-    """The most probable explanations of those that no run alone ruled out."""
-    known = attribution.emulators
-    seen = [each for each in ranked if each.hypothesis and all((one,) in known for one in each.hypothesis)]
-    return seen[:_JUDGED]
+    """The most probable explanations with an effect, of those that no run alone ruled out."""
+    known, effects = attribution.emulators, (each for each in ranked if effects_of(each.hypothesis))
+    return [each for each in effects if all((one,) in known for one in each.hypothesis)][:_JUDGED]
 
 
 def _repaired(
@@ -272,18 +273,14 @@ def _judged(
     return sorted(found.values(), key=lambda each: -each.probability)
 
 
-def _effects_of(chosen: Ranked) -> tuple[Named, ...]:
-    every = zip(chosen.hypothesis, named(chosen.hypothesis, chosen.best()), strict=True)
-    return tuple(effect for cause, effect in every if not cause.entered)
-
-
 def _entered(ranked: Sequence[Ranked], belief: Belief) -> tuple[Entered, ...]:
     """Values that may have been entered wrongly, each as the most probable hypothesis with it says."""
     found: dict[str, Entered] = {}
     for each in ranked:
         for cause, at in zip(each.hypothesis, parts_of(each.hypothesis), strict=True):
             if cause.entered and cause.name not in found:
-                found[cause.name] = Entered(cause, belief.entered[cause.name], each.estimates()[at][0])
+                share = belief.entered.get(cause.name, 0.0)
+                found[cause.name] = Entered(cause, share, each.estimates()[at][0])
     return tuple(sorted(found.values(), key=lambda one: -one.probability))
 
 

@@ -53,8 +53,8 @@ def beyond(
 ) -> list[tuple[Discrepancy, float]]:
     """How far `measured` fingerprints are off that lie beyond like `rigs`, shapes as `learned` has them.
 
-    Of every kind of figure in an octave by itself: the mean square over its numbers, less the rigs', and how
-    many times as much that is as one rig in a hundred has. At least 3 rigs.
+    Of every kind of figure in an octave by itself: the root of the mean square over its numbers, less the
+    rigs', and how many times as far that is as one rig in a hundred lies off. At least 3 rigs.
     """
     blocks = min(len(measured), rigs.shape[1])
     shown = rigs[:, :blocks].mean(axis=1, dtype=np.float64)
@@ -71,7 +71,7 @@ def beyond(
         if excess > 0:
             channel, what, partner, octave = group
             one = Discrepancy(channel, what, float(np.sqrt(excess)), partner, octave)
-            found.append((one, excess / rare if rare else inf))
+            found.append((one, float(np.sqrt(excess / rare)) if rare else inf))
     return found
 
 
@@ -101,7 +101,8 @@ def _kind(cell: Cell) -> _Kind:
 
 
 def _octave(cell: Cell) -> int | None:
-    return None if cell.band is None else round(float(np.log2(cell.band[0] * cell.band[1])) / 2)
+    middle = 0.0 if cell.band is None else cell.band[0] * cell.band[1]
+    return round(float(np.log2(middle)) / 2) if middle > 0 else None
 
 
 def _by_kind(discrepancies: Sequence[Discrepancy]) -> dict[_Kind, dict[int | None, int]]:

@@ -39,7 +39,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Entered:
-    """A value, the parameter of its `cause`: that it was entered wrongly, and what fits instead."""
+    """A value, the parameter of its `cause`: the probability that it was entered wrongly, and what fits."""
 
     cause: Cause
     probability: float
@@ -110,7 +110,8 @@ class Findings:
     search, and of those that its answer is judged by, there was time for the shares `searched` and `judging`.
     `entered` are values that may have been entered wrongly, most probable first; none where nobody doubted.
     `not_fitting` are figures that the best explanation does not explain, with how many times as far off they
-    are as the farthest of rigs as it says.
+    are as one in a hundred of rigs as it says. `put_in` is all that the repaired twin has: `effects`, and
+    values that were entered wrongly beside them.
     """
 
     layout: Layout
@@ -138,6 +139,7 @@ class Findings:
     alone_off: str = ""
     entered: tuple[Entered, ...] = ()
     not_fitting: tuple[tuple[Discrepancy, float], ...] = ()
+    put_in: tuple[Named, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations, pairwise
 from typing import Any, TypeAlias
 
@@ -174,7 +174,7 @@ class Columns:
         cycles = record[at]
         if name in self.angles:
             return Look(_course(cycles)[0])
-        window = np.hanning(length).astype(np.float32)
+        window = _hann(length)
         turned = fft.rfft(np.stack([cycles, record[at + length // 2]]) * window, axis=2)
         energy = np.mean(turned.real**2 + turned.imag**2, axis=0)
         bands = np.add.reduceat(energy[:, : self.harmonics[-1]], self.harmonics[:-1], axis=1)
@@ -260,6 +260,11 @@ class Look:
 
 Crossed: TypeAlias = tuple[Look, Look, NDArray[Any]]
 """Two looks and their cross spectra (cycles, bands)."""
+
+
+@cache
+def _hann(length: int) -> Array:
+    return np.hanning(length).astype(np.float32)
 
 
 def _of_a_sine(cycles: Array) -> Array:

@@ -104,7 +104,7 @@ def without_idle_partners(
     measure: GapMeasure,
     judged_on: Blocks,
 ) -> Ranked:
-    """The fewest of the effects found that mend as much on data that were not fitted as all of them do."""
+    """The fewest of what was found that mend as much on data that were not fitted as all of it does."""
     left = {
         each.hypothesis: gap_after(measure, judged_on, repaired[each.hypothesis])
         for each in candidates

@@ -170,6 +170,8 @@ class Search:
     told: Sequence[float] = ()
     causes: Sequence[Cause] = ()
     """What is searched for; none given: all of the subject's."""
+    doubting: bool = True
+    """Whether values that may have been entered wrongly are looked at where nothing else explains it."""
     _screening: Screening | None = None
     _ruled_out: dict[Hypothesis, Weighed] = field(default_factory=dict)
     """By the runs that were looked at first; logarithms are those below the best."""
@@ -200,7 +202,7 @@ class Search:
             order += self.next_order(ranked, motions - len(order), _FROM_WIDER[number])
             rest -= len(order)
             if number > 0 and ranked[0].misfit > _OPEN:
-                order += self._doubt()
+                order += self._doubts()
             # what there was no time for leaves nothing settled
             before = ranked[0] if self._do(order) else None
         attribution = self.learn()
@@ -215,13 +217,21 @@ class Search:
         attribution = self.learn()
         return attribution, self.weigh(attribution, self.singles())
 
-    def _doubt(self) -> Order:
+    def _doubts(self) -> Order:
         """What else may be wrong, from now on: values that were entered wrongly, each evenly."""
         doubts = doubts_of(self.subject)
-        if not doubts or any(cause.entered for cause in self.causes):
+        if not doubts or not self.doubting:
             return Order()
+        self.doubting = False
         self.causes = [*self.causes, *doubts]
-        return order_of({(cause,): drawn((cause,), _FEWEST_EACH, self.rng) for cause in doubts}, self.rng)
+        return order_of({(cause,): drawn((cause,), FEWEST, self.rng) for cause in doubts}, self.rng)
+
+    def doubt(self) -> bool:
+        """Look at values that may have been entered wrongly, if nobody has; whether there are any."""
+        order = self._doubts()
+        if len(order):
+            self._do(order)
+        return any(cause.entered and self.library.count((cause,)) >= FEWEST for cause in self.causes)
 
     def _first_look(self) -> int:
         """Healthy rigs and every cause, of further runs what is not ruled out; returns what all would be."""

@@ -7,6 +7,7 @@ channel that is off by itself says more.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from sim_twin.diagnosis.gap import GapMeasure
 from sim_twin.diagnosis.library import Library
 
 NOT_KNOWN = "not known"
-_FEWEST, _CLEARLY, _TOLD = 8, 2.0, 6
+_FEWEST, _CLEARLY, _TOLD = 8, 1.5, 6
 """Rigs to hold it against; how many times as far off a figure does not fit; so many are told at most."""
 _OFF = 1.6
 """Gap of a channel by itself; of ten healthy rigs about one has such a channel."""
@@ -42,12 +43,12 @@ def not_fitting(
 ) -> tuple[tuple[Discrepancy, float], ...]:
     """The figures of `measured` (blocks, numbers) that rigs as the best explanation says do not have.
 
-    Those `like` it have shape (n, numbers). With each how many times as far off it is as the farthest of
-    them; the farthest first.
+    Those `like` it have shape (n, numbers). With each how many times as far off it is as one in a hundred of
+    them; the farthest first. What does not differ between these at all is left out.
     """
     if len(like) < _FEWEST:
         return ()
-    off = [each for each in beyond(layout, measured, like[:, None]) if each[1] > _CLEARLY]
+    off = [each for each in beyond(layout, measured, like[:, None]) if _CLEARLY < each[1] < inf]
     return tuple(sorted(off, key=lambda each: -each[1])[:_TOLD])
 
 

@@ -35,8 +35,8 @@ _SETTINGS = (
     "rig has the same size in every run; one that stands for another changes with the setting."
 )
 _LEFT = (
-    "What the best explanation leaves: figures of the recordings that lie farther off than those of any rig "
-    "that was simulated as it says. Something unknown shows there."
+    "What the best explanation leaves: figures of the recordings that lie farther off than those of one in a "
+    "hundred rigs as it says, and how many times as far. Something unknown shows there."
 )
 _CHANGED = 1.5
 UNKNOWN_ENOUGH = 0.2

@@ -16,6 +16,7 @@ from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.fingerprint import Cell
 from sim_twin.diagnosis.gap import FARTHEST
+from sim_twin.diagnosis.identification import VALUES
 from sim_twin.diagnosis.latent_force import LatentForce
 from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.effects import Parameter
@@ -24,8 +25,9 @@ _UNITS = ("_hz", "_kg", "_nm", "_n_per_m15", "_n_per_m", "_ns_per_m", "_rad")
 
 
 def plain(name: str) -> str:
-    """An effect's name as words."""
-    return name.replace("_", " ")
+    """An effect's name as words, or whose value was entered wrongly."""
+    key = name.removeprefix(f"{VALUES}.")
+    return name.replace("_", " ") if key == name else f"{key} of [model]"
 
 
 def parameter_words(parameter: Parameter) -> str:
@@ -45,11 +47,6 @@ def place(cause: Cause) -> str:
     article = "" if cause.location[-1].isdigit() else "the "
     channel = f" ({cause.channel})" if cause.channel else ""
     return f"at {article}{cause.location}{channel}"
-
-
-def what(cause: Cause) -> str:
-    """An effect's name as words, or whose value was entered wrongly."""
-    return f"{cause.parameters[0].name} of [model]" if cause.entered else plain(cause.name)
 
 
 def what_and_where(cause: Cause) -> str:

@@ -9,10 +9,8 @@ from rig.diagnosis.report.case import (
     parameter_words,
     plain,
     plausible,
-    what,
     what_and_where,
 )
-from rig.files.quantity import si_factor
 from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence
 from rig.pages.words import DASH, estimate, listed, probability, span
 from sim_twin.diagnosis.findings import Entered, Gap, Judged
@@ -48,7 +46,7 @@ def parts(case: Case) -> list[Part]:
         BigNumber("Gap before", floors(gap.before), "nominal twin; 1.0 = healthy"),
     ]
     if case.repaired:
-        within = listed([what(cause) for cause in found.selected])
+        within = listed([plain(cause.name) for cause in found.selected])
         shrink, remark = DASH, "no gap to shrink"
         if gap.shrink is not None:
             shrink, remark = f"{100 * gap.shrink:.0f} %", interval(gap)
@@ -106,7 +104,7 @@ def _shrinks(case: Case, count: int) -> str:
             "for there was no time to simulate the repaired twin: give it more --budget, or an idle machine."
         )
     within = "With it" if count == 1 else "With both" if count == 2 else "With all of them"
-    if others := [what(cause) for cause in case.findings.selected if cause.entered]:
+    if others := [plain(cause.name) for cause in case.findings.selected if cause.entered]:
         within += f", and with {listed(others)} as it fits,"
     if gap.shrink is None:
         return (
@@ -167,10 +165,10 @@ def _unknown(case: Case) -> tuple[str, str]:
 
 def _wrong(entered: Entered) -> str:
     [parameter], found = entered.cause.parameters, entered.estimate
-    value, low, high = (each / si_factor(parameter.unit) for each in (found.value, found.low, found.high))
     return (
-        f"{what(entered.cause)} is wrong (probability {probability(entered.probability)}): "
-        f"{estimate(value, parameter.unit)} fits, 95 % interval {span(low, high, parameter.unit)}"
+        f"{plain(entered.cause.name)} is wrong (probability {probability(entered.probability)}): "
+        f"{estimate(found.value, parameter.unit)} fits, "
+        f"95 % interval {span(found.low, found.high, parameter.unit)}"
     )
 
 

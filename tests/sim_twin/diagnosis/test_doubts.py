@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 
 from sim_twin.diagnosis.diagnose import Effort, diagnose
 from sim_twin.diagnosis.findings import Findings
+from sim_twin.diagnosis.library import Library
+from sim_twin.diagnosis.search import Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from tests.sim_twin.diagnosis.toy import CAUSES, LEFT, LENGTH, Toy, recording
 
@@ -65,3 +68,24 @@ def test_nobody_doubts_where_the_runs_are_explained(sizes: Sequence[tuple[str, f
     findings = diagnose(DOUBTING, measured, EFFORT, observe, 0)
     assert findings.entered == ()
     assert not any(name == LENGTH.name for draw in drawn for name, _ in draw.effects)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_value_that_is_a_little_wrong_beside_an_effect_leaves_a_whole_answer(seed: int) -> None:
+    findings = found((("left", 2.5), (LENGTH.name, 0.3)), seed)
+    assert findings.none + findings.effect + findings.unknown == pytest.approx(1.0)
+    assert sum(findings.by_location.values()) == pytest.approx(1.0)
+    assert findings.judged[0].cause == LEFT
+
+
+def test_one_that_is_looked_at_beside_what_was_found_is_known_by_itself() -> None:
+    subject = Toy(doubts=(LENGTH,))
+    rng = np.random.default_rng(0)
+    measured = recording([("left", {"size": 2.5})], RIG)
+    search = Search(subject, measured, subject.observe, rng, Library(), EFFORT.search, doubting=False)
+    search.run()
+    assert not search.doubt()
+    search.doubting = True
+    assert search.doubt()
+    assert (LENGTH,) in search.learn().emulators
+    assert not search.doubting

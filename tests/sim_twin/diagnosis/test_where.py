@@ -59,10 +59,10 @@ def test_figures_that_do_not_fit_are_those_that_no_rig_like_it_has() -> None:
     [(found, times)] = not_fitting(Layout(cells), rig(500, 3 * late, 4), like)
     assert (found.channel, found.what) == ("one", "height 1")
     assert found.deviation == pytest.approx(3.0, abs=0.5)
-    assert times > 5
+    assert times > 2
     assert not_fitting(Layout(cells), rig(500, 3 * late, 4), like[:5]) == ()  # too few to tell
     healthy = [not_fitting(Layout(cells), rig(500 + k, np.zeros(CELLS), 4), like) for k in range(20)]
-    assert sum(map(len, healthy)) <= 4  # of 160
+    assert sum(map(len, healthy)) <= 1  # of 160
 
 
 def test_a_channel_may_be_off_beside_what_is_explained() -> None:
