@@ -30,12 +30,9 @@ DRIVES = {
 
 
 def nominal(rig: str, model: str = "") -> AnyTwin:
+    head = f'name = "one"\nrig = "{rig}"\n[drive]\n{DRIVES[rig]}\n'
     acquisition = '[acquisition]\nsample_rate = "25.6 kHz"\nduration = "2 s"\n'
-    return twin_of(
-        parse_scenario(
-            f'name = "one"\nrig = "{rig}"\n[drive]\n{DRIVES[rig]}\n{acquisition}[model]\n{model}\n'
-        )
-    )
+    return twin_of(parse_scenario(f"{head}{acquisition}[model]\n{model}\n"))
 
 
 def of(rig: str, *tables: Mapping[str, Any]) -> WithValues:
@@ -98,12 +95,15 @@ def test_a_wrong_value_lies_farther_off_than_healthy_rigs_and_where_a_file_may_h
         assert isinstance(meaning, Quantity)
         factor = si_factor(meaning.unit)
         centre, tolerance = kind.value(key, {}), tolerance_of(kind, key, twin)
-        healthy = 0.0
-        if tolerance is not None:
-            healthy = 2 * tolerance.deviation * (centre if tolerance.relative else 1.0)
+        healthy = 0.0 if tolerance is None else 2 * tolerance.deviation
+        by_ratio = tolerance is None or tolerance.relative
         for low, high in parameter.intervals:
             assert meaning.low <= low < high <= meaning.high
-            assert min(abs(factor * end - centre) for end in (low, high)) >= 0.9 * healthy > -1
+            ends = [factor * end for end in (low, high)]
+            if by_ratio and centre > 0 and meaning.unit != "deg":
+                assert min(max(end, centre) / min(end, centre) for end in ends) >= 1 + 0.99 * healthy
+            else:
+                assert min(abs(end - centre) for end in ends) >= 0.99 * healthy
             assert not low <= centre / factor <= high
             for value in (low, high):
                 assert campaign.changed(0, draw(campaign, key, value).effects).rig != twin.rig

@@ -274,12 +274,8 @@ def test_the_largest_gaps_are_of_as_many_quantities_and_say_where_the_measure_en
     assert not str(table.rows[-1][4]).startswith("≥")
 
 
-LENGTH = Cause(
-    "model.beam_length",
-    "beam",
-    (Parameter("beam_length", "mm", ((200.0, 270.0), (290.0, 360.0))),),
-    entered=True,
-)
+OTHER_LENGTHS = Parameter("beam_length", "mm", ((200.0, 270.0), (290.0, 360.0)))
+LENGTH = Cause("model.beam_length", "beam", (OTHER_LENGTHS,), entered=True)
 
 
 def test_a_value_that_may_be_wrong_is_named_in_the_unit_of_the_scenario() -> None:
