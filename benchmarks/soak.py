@@ -114,8 +114,8 @@ ALL = {
     "fault table": Promise(
         "Each fault that can be rehearsed, in a run of its rig: it ends as its row says, and every sample "
         "that was sent is in the log or the gap ledger.",
-        ("pytest", "-m", "soak", "tests/end_to_end/test_fault_table.py"),
-        ("pytest", "-m", "soak", "tests/end_to_end/test_fault_table.py", "-k", "unplugged"),
+        ("pytest", "--no-header", "-m", "soak", "tests/end_to_end/test_fault_table.py"),
+        ("pytest", "--no-header", "-m", "soak", "tests/end_to_end/test_fault_table.py", "-k", "unplugged"),
     ),
     "acquisition": Promise(
         "A record takes at most a tenth more of the processor than at 474bf0b, before logs were synced and "

@@ -17,46 +17,19 @@ def decimated(fine: Array, taps: Array, factor: int, count: int) -> Array:
 
     `fine` has at least (count - 1) `factor` + len(taps) samples. A sum's bits depend on its terms only.
     """
-    samples = np.zeros((1, (count - 1) * factor + len(taps) + beyond(taps)))
-    read = samples.shape[1] - beyond(taps)
-    samples[0, :read] = fine[:read]
-    return np.asarray(rows_decimated(samples, taps, factor, count, np.ones(1, dtype=np.bool_))[0])
-
-
-def beyond(taps: Array) -> int:
-    """How many samples behind the last one that counts `rows_decimated` reads."""
-    return -len(taps) % _TOGETHER
-
-
-def rows_decimated(
-    fine: Array, taps: Array, factor: int, count: int, chosen: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """The same of the `chosen` ones of some rows (n, samples), shape (n, count); 0 of others.
-
-    Each has finite samples `beyond` those that count.
-    """
-    weights = np.concatenate([taps[::-1], np.zeros(beyond(taps))])
-    kept = np.zeros((len(fine), count))
-    _sums(np.ascontiguousarray(fine).ravel(), fine.shape[1], weights, factor, chosen, kept.ravel(), count)
+    padded = -len(taps) % _TOGETHER
+    samples = np.zeros((count - 1) * factor + len(taps) + padded)
+    samples[: len(samples) - padded] = fine[: len(samples) - padded]
+    weights = np.concatenate([taps[::-1], np.zeros(padded)])
+    kept = np.zeros(count)
+    _sums(samples, weights, factor, kept)
     return kept
 
 
 @allocation_free
-def _sums(
-    samples: Array,
-    length: int,
-    weights: Array,
-    factor: int,
-    chosen: NDArray[np.bool_],
-    kept: Array,
-    count: int,
-) -> None:
-    for n in range(chosen.size * count):
-        row, k = n // count, n % count
-        if not chosen[row]:
-            continue
-        one, two, three, four = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-        at = row * length + k * factor
+def _sums(samples: Array, weights: Array, factor: int, kept: Array) -> None:
+    for k in range(kept.size):
+        one, two, three, four, at = spread(0.0), spread(0.0), spread(0.0), spread(0.0), k * factor
         for j in range(0, weights.size, 4 * LANES):
             one = fused(load(weights, j), load(samples, at + j), one)
             two = fused(load(weights, j + LANES), load(samples, at + j + LANES), two)
@@ -64,7 +37,7 @@ def _sums(
             four = fused(load(weights, j + 3 * LANES), load(samples, at + j + 3 * LANES), four)
         total = (one + two) + (three + four)
         left = (pick(total, 0) + pick(total, 1)) + (pick(total, 2) + pick(total, 3))
-        kept[n] = left + ((pick(total, 4) + pick(total, 5)) + (pick(total, 6) + pick(total, 7)))
+        kept[k] = left + ((pick(total, 4) + pick(total, 5)) + (pick(total, 6) + pick(total, 7)))
 
 
 # The same bits as scipy.signal.lfilter.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from sim_twin.decimation import beyond, rows_decimated
+from sim_twin.decimation import decimated
 from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.rig_model import Truths
 from sim_twin.sensors import Encoder, anti_alias_taps
@@ -106,15 +106,13 @@ class _Stage:
 
     def advance(self, moved: Array, count: int, smooth: NDArray[np.bool_]) -> Array:
         held = np.zeros((*moved.shape[:2], self.half)) if self.held is None else self.held
-        last = held.shape[2] + moved.shape[2]
-        fine = np.zeros((*moved.shape[:2], last + beyond(self.taps)))
-        fine[:, :, : held.shape[2]], fine[:, :, held.shape[2] : last] = held, moved
-        self.held = fine[:, :, count * self.factor : last].copy()
-        if len(self.taps) == 1:
-            smooth = np.ones_like(smooth)
-        chosen = fine.any(axis=2) & ~smooth
-        rows = fine.reshape(-1, fine.shape[2])
-        out = rows_decimated(rows, self.taps, self.factor, count, chosen.ravel())
-        out = out.reshape(*fine.shape[:2], count)
-        out[:, smooth] = fine[:, smooth, self.half : self.half + count * self.factor : self.factor]
+        fine = np.concatenate([held, moved], axis=2)
+        self.held = fine[:, :, count * self.factor :].copy()
+        out = np.zeros((*fine.shape[:2], count))
+        for run, channel in np.ndindex(fine.shape[:2]):
+            row = fine[run, channel]
+            if smooth[channel] or len(self.taps) == 1:
+                out[run, channel] = row[self.half : self.half + count * self.factor : self.factor]
+            elif row.any():
+                out[run, channel] = decimated(row, self.taps, self.factor, count)
         return out
