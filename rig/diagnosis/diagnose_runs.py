@@ -66,9 +66,7 @@ def diagnose_runs(
     began = time.monotonic()
     check_out(out)
     with screen.busy("reading", reading("read for a diagnosis", *runs)):
-        data = recorded_of(runs, model, screen)
-        known = _model_of(model, data)
-        data = _doubted(data, known)
+        data = _doubted(recorded_of(runs, model, screen), model)
     remarks = list(data.remarks)
     for remark in remarks:
         screen.warn(remark)
@@ -89,7 +87,7 @@ def diagnose_runs(
             later = Simulated(campaign, workers, began + _LAST * latest_s, lambda _: None)
             return Kept(campaign, told, screen.warn).by(later)
 
-        experiment = _next_experiment(data, known, rivals_of(findings), simulate, seed)
+        experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
     if simulated.cut_short:
         remarks.append(of_cut_short(findings.searched, findings.judging))
     if not findings.held_out:
@@ -165,9 +163,9 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
     return replace(data, campaign=campaign_with_model(data.campaign, known, scenarios, screen.warn))
 
 
-def _doubted(data: RecordedCampaign, known: ModelFile | None) -> RecordedCampaign:
+def _doubted(data: RecordedCampaign, model: Path | None) -> RecordedCampaign:
     """The same runs, of which values of [model] may have been entered wrongly."""
-    scenarios = [parse_scenario(text) for text in data.scenarios]
+    known, scenarios = _model_of(model, data), [parse_scenario(text) for text in data.scenarios]
     held = [{} if known is None else held_values(known, each) for each in scenarios]
     given = [{**each.model, **values} for each, values in zip(scenarios, held, strict=True)]
     return replace(data, campaign=with_doubts(scenarios[0].rig, data.campaign, given))

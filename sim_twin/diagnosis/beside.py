@@ -43,7 +43,8 @@ _APART = 17
 def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Ranked | None:
     """What was `found` with the most probable of what may act beside it, its parameters as wide as that.
 
-    As many motions as the `search` may have are simulated at most. None where nothing may be added, or where
+    Values that may have been entered wrongly are looked at first, if the `search` has not; then as many
+    motions as it may have are simulated at most. None where nothing may be added, or where
     there was no time.
     """
     names = {cause.name for cause in found.hypothesis}

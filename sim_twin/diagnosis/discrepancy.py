@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
 from typing import TypeAlias
 
 import numpy as np
@@ -44,35 +43,32 @@ _Kind: TypeAlias = tuple[str, str, str]
 def learned(
     layout: Layout, measured: NDArray[np.floating], rigs: NDArray[np.floating]
 ) -> tuple[Discrepancy, ...]:
-    """What `measured` fingerprints (blocks, numbers) are off beyond like `rigs` (n, blocks, numbers)."""
-    return tuple(each for each, times in beyond(layout, measured, rigs) if times > 1.0)
+    """What `measured` fingerprints (blocks, numbers) are off beyond like `rigs` (n, blocks, numbers).
 
-
-def beyond(
-    layout: Layout, measured: NDArray[np.floating], rigs: NDArray[np.floating]
-) -> list[tuple[Discrepancy, float]]:
-    """How far `measured` fingerprints are off that lie beyond like `rigs`, shapes as `learned` has them.
-
-    Of every kind of figure in an octave by itself: the root of the mean square over its numbers, less the
-    rigs', and how many times as far that is as one rig in a hundred lies off. At least 3 rigs.
+    Of every kind of figure in an octave by itself: the mean square over its numbers, less the rigs'. At least
+    3 rigs.
     """
     blocks = min(len(measured), rigs.shape[1])
     shown = rigs[:, :blocks].mean(axis=1, dtype=np.float64)
     mean, variance = shown.mean(axis=0), shown.var(axis=0, ddof=1)
-    off = (measured.mean(axis=0, dtype=np.float64) - mean) ** 2 / (1 + 1 / len(shown)) - variance
+    beyond = (measured.mean(axis=0, dtype=np.float64) - mean) ** 2 / (1 + 1 / len(shown)) - variance
     # each rig against the others, as the measurement against all
     usual = (shown - mean) ** 2 * len(shown) / (len(shown) - 1) - variance
     found = []
-    of_numbers = [(*_kind(cell), _octave(cell)) for cell in layout.of_numbers]
-    for group in dict.fromkeys(of_numbers):
-        inside = np.array([each == group for each in of_numbers])
-        excess = float(off[inside].mean())
-        rare = max(float(np.quantile(usual[:, inside].mean(axis=1), _RARE)), 0.0)
-        if excess > 0:
+    for group, inside in figures(layout).items():
+        excess = float(beyond[inside].mean())
+        if excess > max(float(np.quantile(usual[:, inside].mean(axis=1), _RARE)), 0.0):
             channel, what, partner, octave = group
-            one = Discrepancy(channel, what, float(np.sqrt(excess)), partner, octave)
-            found.append((one, float(np.sqrt(excess / rare)) if rare else inf))
-    return found
+            found.append(Discrepancy(channel, what, float(np.sqrt(excess)), partner, octave))
+    return tuple(found)
+
+
+def figures(layout: Layout) -> dict[tuple[str, str, str, int | None], NDArray[np.intp]]:
+    """Which numbers are of each kind of figure in an octave: channel, what, partner, octave."""
+    found: dict[tuple[str, str, str, int | None], list[int]] = {}
+    for number, cell in enumerate(layout.of_numbers):
+        found.setdefault((*_kind(cell), _octave(cell)), []).append(number)
+    return {group: np.array(inside) for group, inside in found.items()}
 
 
 def drawn(

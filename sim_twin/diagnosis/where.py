@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause
-from sim_twin.diagnosis.discrepancy import Discrepancy, beyond
+from sim_twin.diagnosis.discrepancy import Discrepancy, figures
 from sim_twin.diagnosis.fingerprint import Layout
 from sim_twin.diagnosis.gap import GapMeasure
 from sim_twin.diagnosis.library import Library
@@ -21,6 +21,7 @@ from sim_twin.diagnosis.library import Library
 NOT_KNOWN = "not known"
 _FEWEST, _CLEARLY, _TOLD = 8, 1.5, 6
 """Rigs to hold it against; how many times as far off a figure does not fit; so many are told at most."""
+_RARE = 0.99
 _OFF = 1.6
 """Gap of a channel by itself; of ten healthy rigs about one has such a channel."""
 
@@ -48,8 +49,20 @@ def not_fitting(
     """
     if len(like) < _FEWEST:
         return ()
-    off = [each for each in beyond(layout, measured, like[:, None]) if _CLEARLY < each[1] < inf]
-    return tuple(sorted(off, key=lambda each: -each[1])[:_TOLD])
+    tolerance = np.array([cell.tolerance for cell in layout.of_numbers])
+    centre, scatter = like.mean(axis=0), np.hypot(like.std(axis=0, ddof=1), tolerance)
+    scatter[scatter == 0] = inf
+    apart = np.mean(measured, axis=0, dtype=np.float64) - centre
+    # each by its own scatter: one that is quiet else counts as much as one that is always loud
+    off, usual = (apart / scatter) ** 2, ((like - centre) * len(like) / (len(like) - 1) / scatter) ** 2
+    found = []
+    for (channel, what, partner, octave), inside in figures(layout).items():
+        rare = float(np.quantile(usual[:, inside].mean(axis=1), _RARE))
+        times = float(np.sqrt(off[inside].mean() / rare)) if rare else 0.0
+        if times > _CLEARLY:
+            size = float(np.sqrt(np.mean(apart[inside] ** 2)))
+            found.append((Discrepancy(channel, what, size, partner, octave), times))
+    return tuple(sorted(found, key=lambda each: -each[1])[:_TOLD])
 
 
 def where_unknown(

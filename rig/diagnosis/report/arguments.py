@@ -63,10 +63,7 @@ def typical_cycle(case: Case) -> list[Part]:
 
 def what_does_not_fit(case: Case) -> list[Part]:
     """The figures that the best explanation leaves, where something unknown may be in the rig."""
-    rows = [
-        [_figure(each), DASH if each["times"] is None else f"{each['times']:.1f}"]
-        for each in case.diagnosis.get("not_fitting", [])
-    ]
+    rows = [[_figure(each), f"{each['times']:.1f}"] for each in case.diagnosis.get("not_fitting", [])]
     if case.findings.unknown < UNKNOWN_ENOUGH or not rows:
         return []
     return [Sentence(_LEFT), Table(["figure", "times as far off"], rows, "What does not fit", words=True)]

@@ -158,6 +158,9 @@ def basis(case: Case) -> list[Part]:
     given = f"--effects {quote(str(case.folder / 'effects.json'))}"
     given += f" --model {quote(model)}" if model else ""
     with_these = "To repeat it with these effects, or with others of your own:"
+    if wrong := [plain(cause.name) for cause in found.selected if cause.entered]:
+        left = "with the effects alone more of the gap is left"
+        with_these = f"Correct {listed(wrong)} first: {left}. {with_these}"
     again = f"rattle gap {' '.join(runs)} {given}\nrattle overlay {runs[0]} {given}"
     if case.subject:
         asked = case.diagnosis["provenance"]

@@ -21,10 +21,9 @@ from rig.diagnosis.report.arguments import what_does_not_fit
 from rig.diagnosis.report.before_and_after import latent_force
 from rig.diagnosis.report.before_and_after import parts as before_and_after
 from rig.diagnosis.report.case import Case, RunFacts, identified
-from rig.diagnosis.report.causes import parameters, ranking
+from rig.diagnosis.report.causes import basis, parameters, ranking
 from rig.diagnosis.report.gap_map import parts as gap_map
 from rig.pages.content import BarTable, Figure, Sentence, Table
-from rig.pages.words import DASH
 from sim_twin.diagnosis.belief import Unexplained
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.discrepancy import Discrepancy
@@ -297,12 +296,14 @@ def test_an_effect_beside_a_wrong_value_shrinks_the_gap_with_it() -> None:
     assert found.names == ("base_flexibility",)
     _, far = verdicts.sentences(reported(found))
     assert far.startswith("With it, and with beam_length of [model] as it fits, in the twin the gap falls")
+    told = [part.text for part in basis(reported(found)) if isinstance(part, Sentence)]
+    assert any(text.startswith("Correct beam_length of [model] first") for text in told)
 
 
 def test_figures_that_do_not_fit_are_told_where_something_unknown_may_be_there() -> None:
     off = (
         (Discrepancy(UPPER, "energy", 0.8, octave=9), 5.26),
-        (Discrepancy(UPPER, "coherence", 0.2, partner=LOWER, octave=7), float("inf")),
+        (Discrepancy(UPPER, "coherence", 0.2, partner=LOWER, octave=7), 3.0),
         (Discrepancy(LOWER, "peak", 0.2), 2.3),
     )
 
@@ -314,7 +315,7 @@ def test_figures_that_do_not_fit_are_told_where_something_unknown_may_be_there()
     _, table = told(outside_the_catalogue())
     assert [list(row) for row in table.rows] == [
         [f"{UPPER}: energy, about 512 Hz", "5.3"],
-        [f"{UPPER} with {LOWER}: coherence, about 128 Hz", DASH],
+        [f"{UPPER} with {LOWER}: coherence, about 128 Hz", "3.0"],
         [f"{LOWER}: peak", "2.3"],
     ]
     assert told(nothing_missing()) == []
