@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from bisect import bisect_left, bisect_right
 from collections import deque
 from math import ceil, nan, tau
@@ -62,9 +63,7 @@ class KnownBegins:
     def __init__(self) -> None:
         self.until = 0
         self.first_number: int | None = None
-        self._samples: list[int] = []
-        self._numbers: list[int] = []
-        self._sound: list[bool] = []
+        self._samples, self._numbers, self._sound = array("q"), array("q"), array("b")
         self._asked = (0, 0)
         self._answer = Begins(np.empty(0, np.int64), [], [])
 
@@ -88,7 +87,8 @@ class KnownBegins:
             low, high = bisect_left(self._samples, start), bisect_left(self._samples, end)
             offset = np.array(self._samples[low:high], dtype=np.int64) - start
             self._asked = start, end
-            self._answer = Begins(offset, self._numbers[low:high], self._sound[low:high])
+            sound = [bool(each) for each in self._sound[low:high]]
+            self._answer = Begins(offset, self._numbers[low:high].tolist(), sound)
         return self._answer
 
 

@@ -5,13 +5,15 @@ An impact is a quick rise: what a joint carries all the time, and what changes s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from daq.signals.impacts import Impacts, Levels, chosen, impacts_in, joined, no_impacts
+from daq.signals.impacts import Impacts, Levels, impacts_in, no_impacts
 
 START, END, INDEX, PEAK, SUM, RISE = range(6)
 """Columns of a contact: first sample, end (excluded), sample of the peak, peak, sum of its samples, rise."""
@@ -164,49 +166,74 @@ class ImpactEvents:
 
 def impact_events(impacts: Impacts, sample_rate: float, within_s: float) -> ImpactEvents:
     """Events of `impacts`: what begins within `within_s` of the end of the last one is a bounce of it."""
-    begins = _begins(impacts, sample_rate, within_s)
-    ends = np.append(begins[1:], len(impacts))[: len(begins)]
-    largest = [first + np.argmax(impacts.peak_n[first:end]) for first, end in zip(begins, ends, strict=True)]
-    at = np.array(largest, dtype=np.intp)
+    return _together(_single(impacts), sample_rate, within_s)
+
+
+def _single(impacts: Impacts) -> ImpactEvents:
+    """Each an event of its own."""
     return ImpactEvents(
-        index=impacts.index[at],
-        start=impacts.start[begins],
-        end=impacts.end[ends - 1],
-        first_n=impacts.peak_n[begins],
-        peak_n=impacts.peak_n[at],
-        impulse_ns=_sums(impacts.impulse_ns, begins),
-        contact_s=_sums(impacts.contact_s, begins),
-        contacts=ends - begins,
+        index=impacts.index,
+        start=impacts.start,
+        end=impacts.end,
+        first_n=impacts.peak_n,
+        peak_n=impacts.peak_n,
+        impulse_ns=impacts.impulse_ns,
+        contact_s=impacts.contact_s,
+        contacts=np.ones(len(impacts), np.intp),
     )
 
 
-def _begins(impacts: Impacts, sample_rate: float, within_s: float) -> NDArray[np.intp]:
-    apart = impacts.start[1:] - impacts.end[:-1] > within_s * sample_rate
-    return np.flatnonzero(np.concatenate(([True], apart))[: len(impacts)]).astype(np.intp)
+def _together(events: ImpactEvents, sample_rate: float, within_s: float) -> ImpactEvents:
+    """Those that follow each other within `within_s` as one, added up one after the other."""
+    if not len(events):
+        return events
+    first = np.concatenate(([True], events.start[1:] - events.end[:-1] > within_s * sample_rate))
+    begins, event = np.flatnonzero(first), np.cumsum(first) - 1
+    ends = np.append(begins[1:], len(events))
+    at = [begin + int(np.argmax(events.peak_n[begin:end])) for begin, end in zip(begins, ends, strict=True)]
+    return ImpactEvents(
+        index=events.index[at],
+        start=events.start[begins],
+        end=events.end[ends - 1],
+        first_n=events.first_n[begins],
+        peak_n=events.peak_n[at],
+        impulse_ns=_sums(events.impulse_ns, event),
+        contact_s=_sums(events.contact_s, event),
+        contacts=_sums(events.contacts, event).astype(np.intp),
+    )
 
 
-def _sums(values: NDArray[np.float64], begins: NDArray[np.intp]) -> NDArray[np.float64]:
-    return np.add.reduceat(values, begins) if len(begins) else np.empty(0)
+def _sums(values: NDArray[Any], event: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Of the values of each event, one after the other: the cuts of blocks leave no trace in them."""
+    return np.asarray(np.bincount(event, values), dtype=np.float64)
 
 
 class BounceGrouper:
-    """Events of contacts that come in parts, as `impact_events` finds them, each once it is over."""
+    """Events of contacts that come in parts, as `impact_events` finds them, each once it is over.
+
+    One that never ends, on a sensor that is never still, is kept as one row.
+    """
 
     def __init__(self, sample_rate: float, within_s: float) -> None:
         self._sample_rate, self._within_s = sample_rate, within_s
-        self._waiting = no_impacts()
+        self._waiting = _single(no_impacts())
 
     def add(self, impacts: Impacts, settled: int) -> ImpactEvents:
         """Take what `ImpactDetector.add` returned and its `settled` then; return the events that are over."""
-        waiting = joined((self._waiting, impacts))
-        begins = _begins(waiting, self._sample_rate, self._within_s)
-        over = len(waiting)
-        if over and settled - int(waiting.end[-1]) <= self._within_s * self._sample_rate:
-            over = int(begins[-1])
-        self._waiting = chosen(waiting, slice(over, None))
-        return impact_events(chosen(waiting, slice(over)), self._sample_rate, self._within_s)
+        both = _columns(np.concatenate, self._waiting, _single(impacts))
+        found = _together(both, self._sample_rate, self._within_s)
+        over = len(found)
+        if over and settled - int(found.end[-1]) <= self._within_s * self._sample_rate:
+            over -= 1
+        self._waiting = _columns(lambda column: column[0][over:], found)
+        return _columns(lambda column: column[0][:over], found)
 
     def finish(self) -> ImpactEvents:
         """The events that wait for more at the end of the record."""
-        waiting, self._waiting = self._waiting, no_impacts()
-        return impact_events(waiting, self._sample_rate, self._within_s)
+        waiting, self._waiting = self._waiting, _single(no_impacts())
+        return waiting
+
+
+def _columns(of: Callable[[list[NDArray[Any]]], NDArray[Any]], *parts: ImpactEvents) -> ImpactEvents:
+    """An array of each field from those of the parts."""
+    return ImpactEvents(*(of([getattr(part, each.name) for part in parts]) for each in fields(ImpactEvents)))

@@ -116,11 +116,6 @@ def impacts_in(
     return Impacts(index, start, end, kept[:, PEAK], kept[:, SUM] / sample_rate, (end - start) / sample_rate)
 
 
-def chosen(impacts: Impacts, which: NDArray[np.bool_] | slice) -> Impacts:
-    """Some of `impacts`, by a mask of shape (m,) or a slice."""
-    return Impacts(*(getattr(impacts, field.name)[which] for field in fields(Impacts)))
-
-
 def joined(parts: Sequence[Impacts]) -> Impacts:
     """Impacts one after the other."""
     columns = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Impacts))

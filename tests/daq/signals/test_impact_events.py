@@ -1,3 +1,4 @@
+import pickle
 from collections.abc import Sequence
 from dataclasses import fields
 
@@ -117,6 +118,20 @@ def test_an_event_is_out_once_no_bounce_can_follow() -> None:
     pulse, pause, more = np.array([0.0, 20.0, 20.0, 0.0]), np.zeros(5), np.full(3, 30.0)
     for block, expected in ((pulse, 0), (pause, 1), (pulse, 0), (more, 0), (pause, 0), (pause, 1)):
         assert len(grouper.add(detector.add(block), detector.settled)) == expected
+
+
+def test_a_sensor_that_is_never_still_takes_no_more_memory_with_time() -> None:
+    values = np.tile([0.0, 20.0, 20.0, 0.0], 5000)
+    detector = ImpactDetector(LEVELS, SLOW, WITHIN_S, longest_s=LONGEST_S)
+    grouper = BounceGrouper(SLOW, WITHIN_S)
+    sizes, events = [], []
+    for first in range(0, len(values), 100):
+        events.append(grouper.add(detector.add(values[first : first + 100]), detector.settled))
+        sizes.append(len(pickle.dumps(grouper)))
+    events.append(grouper.finish())
+    assert [len(each) for each in events if len(each)] == [1]
+    assert events[-1].contacts[0] == 5000
+    assert max(sizes[100:]) <= max(sizes[:100]) + 16  # of larger numbers
 
 
 def test_bounces_belong_to_the_impact_before_them() -> None:
