@@ -17,9 +17,8 @@ from daq.errors import RecorderFailed
 from daq.log.records import LEAST_FREE_BYTES, ClockRecord, Event, Gap, Impact
 from daq.log.writer import LOOK_S, LogWriter
 
-_QUEUE_ITEMS = 1 << 16
-"""12 s of 64 channels, measured and predicted, with two figures of each, in blocks of 75 ms: longer than a
-disk stalls. A second takes up to 26 MB."""
+_QUEUE_ITEMS, _QUEUE_BYTES = 1 << 16, 400 << 20
+"""Of samples 15 s of 64 channels at 51.2 kHz, measured and predicted: longer than a disk stalls."""
 SYNC_S = 1.0  # with a chunk of 0.25 s, what a loss of power may cost
 _LAST_WORDS = 4096  # what is missing of each channel, and events
 _SHORT_S = 60.0  # of what it has been told to write: so long before it stops a recording says so
@@ -38,7 +37,8 @@ class Recorder:
 
     def __init__(self, writer: LogWriter, clock: Clock) -> None:
         self._writer, self._clock = writer, clock
-        self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(_QUEUE_ITEMS)
+        self._queue: queue.Queue[tuple[Callable[[], None] | None, int]] = queue.Queue(_QUEUE_ITEMS)
+        self._waiting_bytes, self._counting = 0, threading.Lock()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._closing = threading.Event()
         each_s = (("recorder to disk", writer.sync), ("recorder's room", self._check_room))  # one may stall
@@ -84,7 +84,7 @@ class Recorder:
         """Record a block, stamped with the time at which the host has it: now."""
         host_ns = self._clock.unix_ns()
         self.blocks += 1
-        self._put(lambda: self._writer.add_block(origin, block, host_ns))
+        self._put(lambda: self._writer.add_block(origin, block, host_ns), size=block.values.nbytes)
 
     def event(self, event: Event) -> None:
         self._put(lambda: self._writer.add_event(event), last_words=True)
@@ -114,7 +114,7 @@ class Recorder:
         if self._thread.is_alive():
             try:
                 for write in (*self._last_words, None):
-                    self._queue.put(write, timeout=_HUNG_DISK_S)
+                    self._queue.put((write, 0), timeout=_HUNG_DISK_S)
                 waits = -1
                 while self._thread.is_alive() and waits != (waits := self._queue.qsize()):
                     self._thread.join(_HUNG_DISK_S)  # one that is slow has all of it in the end
@@ -130,10 +130,11 @@ class Recorder:
             more = f"; {self.refused} more refused" if self.refused else ""
             raise RecorderFailed(f"{self._failure}{more}") from self._failure
 
-    def _put(self, write: Callable[[], None], last_words: bool = False) -> None:
+    def _put(self, write: Callable[[], None], last_words: bool = False, size: int = 0) -> None:
         if self._failure is None:
             try:
-                self._queue.put_nowait(write)
+                self._count(size)
+                self._queue.put_nowait((write, size))
             except queue.Full:
                 self._failure = RecorderFailed(f"{self._writer.path}: the disk is slower than the data")
         if self._failure is not None:
@@ -143,6 +144,13 @@ class Recorder:
                 self.refused += 1
             raise self._failure
         self.high_water = max(self.high_water, self._queue.qsize())
+
+    def _count(self, size: int) -> None:
+        """Bytes that wait from now on, or no more; raises queue.Full where they would be too many."""
+        with self._counting:
+            if self._waiting_bytes + size > _QUEUE_BYTES:
+                raise queue.Full
+            self._waiting_bytes += size
 
     def events(self) -> tuple[Event, ...]:
         """What is new of the disk, once."""
@@ -181,9 +189,9 @@ class Recorder:
     def _run(self) -> None:
         while True:
             try:
-                write = self._queue.get(timeout=LOOK_S)
+                write, size = self._queue.get(timeout=LOOK_S)
             except queue.Empty:
-                write = partial(self._writer.flush_if_older, self._clock.unix_ns())
+                write, size = partial(self._writer.flush_if_older, self._clock.unix_ns()), 0
             if write is None:
                 return
             if not self._writes:
@@ -194,3 +202,4 @@ class Recorder:
                 self._writes = False
                 self._failed(error)
                 self._writer.abandon(error)
+            self._count(-size)

@@ -22,8 +22,8 @@ from typing import Any, Final, NamedTuple, Protocol
 from daq.errors import RattleError
 from daq.process import Child
 
-QUEUE_ITEMS = 16_384
-"""Near 10 s of 64 channels, measured and predicted, in blocks of 75 ms (4 bytes a sample: 250 MB)."""
+QUEUE_ITEMS = 8192
+"""Near 10 s of 64 channels, measured and predicted, in blocks of 0.15 s (4 bytes a sample: 250 MB)."""
 _BATCH = 256
 """What has piled up goes out together: a message a block would cost the acquisition more than the copy."""
 _START_S = 120.0

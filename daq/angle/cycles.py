@@ -113,7 +113,7 @@ class DriveCycles:
         self._parts: list[NDArray[np.floating]] = []
         self._sound = True
         self._next = 0
-        self._offsets: list[float] = []
+        self._offsets = array("d")
         self._number = ceil(phase / tau)
         self._open(phase / tau)
 
@@ -155,7 +155,7 @@ class DriveCycles:
         """Let the next window begin, with every begin in it; the first opens the one that it was measured in
         as well."""
         first = not self._offsets
-        self._offsets += [offset, offset] if first else [offset]
+        self._offsets.extend([offset, offset] if first else [offset])
         start = 0 if first else (len(self._offsets) - 1) * self._window
         end = len(self._offsets) * self._window
         while (sample := max(self._begin_of(self._number, offset), start)) < end:

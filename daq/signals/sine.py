@@ -44,9 +44,9 @@ def fit_sine(
     omega = start = 2 * np.pi * frequency
     free = not hold_frequency and len(y) / sample_rate * frequency >= 1
     orders = np.arange(1, harmonics + 1)
-    parts = np.linalg.lstsq(_columns(omega * t, orders), y)[0]
+    parts = np.linalg.lstsq(waves_of(omega * t, orders), y)[0]
     for _ in range(_ITERATIONS if free else 0):
-        waves, slope = _columns(omega * t, orders), np.zeros_like(t)
+        waves, slope = waves_of(omega * t, orders), np.zeros_like(t)
         for order in orders:
             sine, cosine = waves[:, 2 * order - 1], waves[:, 2 * order]
             slope += order * t * (parts[2 * order - 1] * cosine - parts[2 * order] * sine)
@@ -55,7 +55,7 @@ def fit_sine(
         parts, omega = solution[:-1], omega + step
         if abs(step) < _CONVERGED * omega:
             break
-    waves = _columns(omega * t, orders)
+    waves = waves_of(omega * t, orders)
     parts = np.linalg.lstsq(waves, y)[0]
     return SineFit(
         frequency=float(omega / (2 * np.pi)),
@@ -79,7 +79,10 @@ def fit_growing(
         frequency, cycles = fit.frequency, 2 * cycles
 
 
-def _columns(angle: NDArray[np.float64], orders: NDArray[np.intp]) -> NDArray[np.float64]:
-    """A constant, then sine and cosine of each order, shape (n, 1 + 2 orders)."""
+def waves_of(angle: NDArray[np.float64], orders: NDArray[np.intp]) -> NDArray[np.float64]:
+    """What a fit is made of at `angle` (rad, shape (n,)): a constant, then sine and cosine of each order.
+
+    Shape (n, 1 + 2 orders).
+    """
     waves = [wave(order * angle) for order in orders for wave in (np.sin, np.cos)]
     return np.column_stack([np.ones_like(angle), *waves])

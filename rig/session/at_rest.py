@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ TURNING_RAD: Final = math.radians(5.0)
 _STILL_S: Final = 0.7
 _STANDS_RAD: Final = math.radians(0.5)
 """Within which an encoder on a bus may flicker."""
+_LONGEST_TURN: Final = 8192
+"""Readings of one that are kept, some ten minutes: what is turned for longer is told from there on."""
 _NO_MARK_S: Final = 2.0
 """After the last mark a shaft that nothing else shows is taken to stand."""
 _FLAGS: Final = {
@@ -148,6 +150,10 @@ class Turn:
         return "; ".join(told)
 
 
+_Trail: TypeAlias = deque[tuple[Array, Array]]
+"""Times and angles of an encoder, piece by piece."""
+
+
 class Shaft:
     """What encoders and a marker show of a shaft that is turned by hand."""
 
@@ -158,9 +164,9 @@ class Shaft:
         on_counter = self._marker is not None and channels[self._marker].counted
         self._shares = self._marker is not None and not on_counter
         self._edges = RisingEdges()
-        self._trails: dict[str, list[tuple[Array, Array]]] = {name: [] for name in self._angles.values()}
+        self._trails = {name: _Trail(maxlen=_LONGEST_TURN) for name in self._angles.values()}
+        self._marks = deque[float](maxlen=_LONGEST_TURN)
         self.begin()
-        self._marks: list[float]
 
     @property
     def there(self) -> bool:
@@ -173,19 +179,25 @@ class Shaft:
 
     def begin(self) -> None:
         """Forget what was turned so far, but where each encoder stands."""
-        self._marks, self._moved_s = [], -math.inf
+        self._marks.clear()
+        self._moved_s = -math.inf
         self._shown, self._since_mark = np.zeros(2), np.zeros(2)  # samples that were high, and all of them
         for trail in self._trails.values():
-            trail[:] = [(times[-1:], angle[-1:]) for times, angle in trail[-1:]]
+            if trail:
+                times, angle = trail[-1]
+                trail.clear()
+                trail.append((times[-1:].copy(), angle[-1:].copy()))
 
     def take(self, reading: CardReading) -> None:
         first, count = reading.first_sample, reading.values.shape[1]
         times = (first + np.arange(count)) / self._rate
         moved = False
         for row, name in self._angles.items():
-            angle = reading.values[row]
-            moved = moved or bool(np.ptp(angle) > 0)
-            self._trails[name].append((times[:: self._step], angle[:: self._step].copy()))
+            angle, trail = reading.values[row], self._trails[name]
+            turns = bool(np.ptp(angle) > 0)
+            moved = moved or turns
+            if turns or not trail or angle[0] != trail[-1][1][-1]:  # one that stands says nothing new
+                trail.append((times[:: self._step].copy(), angle[:: self._step].copy()))
         if self._marker is not None:
             volts = reading.values[self._marker]
             edges = self._edges.find(volts)
@@ -210,14 +222,18 @@ class Shaft:
 
     def beside(self, name: str, times_s: Array, angle_rad: Array) -> None:
         """What an encoder on a bus has shown of late, on the card's time; it replaces what was there."""
-        since = self._trails.get(name, [])[:1]
+        since = self._trails.get(name)
         begin_s = float(since[0][0][0]) if since else -math.inf
         later = times_s >= begin_s
         if later.any():
-            self._trails[name] = [(times_s[later], angle_rad[later])]
+            self._trails[name] = _Trail([(times_s[later], angle_rad[later])])
             elsewhere = np.flatnonzero(np.abs(angle_rad - angle_rad[-1]) > _STANDS_RAD)
             if len(elsewhere):
                 self._moved_s = max(self._moved_s, float(times_s[elsewhere[-1]]))
+
+    @property
+    def _last_mark_s(self) -> float:
+        return self._marks[-1] if self._marks else -math.inf
 
     def turned(self) -> Turn:
         """Since it was begun."""
@@ -234,20 +250,18 @@ class Shaft:
 
     def rested(self, now_s: float) -> Turn | None:
         """A turn that has come to its end by then, which begins the next; None while there is none."""
+        moved_s, still_s = (self._moved_s, _STILL_S) if self._trails else (self._last_mark_s, _NO_MARK_S)
+        if now_s - moved_s <= still_s:
+            return None
         turn = self.turned()
-        if self._trails:
-            goes_on = now_s - self._moved_s <= _STILL_S
-            came = max((abs(by) for by in turn.turned.values()), default=0.0) >= TURNING_RAD
-        else:
-            came = bool(self._marks)
-            goes_on = came and now_s - self._marks[-1] <= _NO_MARK_S
-        if goes_on or not came:
+        came = max((abs(by) for by in turn.turned.values()), default=0.0) >= TURNING_RAD
+        if not (came if self._trails else self._marks):
             return None
         self.begin()
         return turn
 
 
-def _joined(trail: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+def _joined(trail: _Trail) -> tuple[Array, Array]:
     times = [each for each, _ in trail] or [np.zeros(0)]
     return np.concatenate(times), np.concatenate([each for _, each in trail] or [np.zeros(0)])
 

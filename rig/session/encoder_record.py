@@ -247,7 +247,10 @@ class EncoderRecord:
         last_s = stretch.card_s + (length - 1) * period_s
         if math.isinf(self._begin_s):
             newest = self._backlog[-1]
-            return newest.card_s - last_s > _BACKLOG_S
+            forgotten = newest.card_s - last_s > _BACKLOG_S
+            while forgotten and self._gaps and self._gaps[0][0] < stretch.number:
+                self._gaps.popleft()
+            return forgotten
         if self.ended:
             return True
         times = stretch.card_s + np.arange(length) * period_s

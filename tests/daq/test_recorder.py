@@ -207,6 +207,34 @@ def test_a_disk_that_stalls_ten_seconds_under_64_channels_costs_nothing(tmp_path
     assert (topic.samples, topic.missing) == (recorder.blocks, 0)
 
 
+def test_samples_wait_for_the_disk_up_to_so_many_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "_QUEUE_BYTES", 10 * block(0).values.nbytes)
+    go, path = threading.Event(), tmp_path / "log.mcap"
+    go.set()
+    recorder = Recorder(StuckWriter(path, go), SystemClock())
+    recorder.__enter__()
+    recorder.declare("measured", Channel("a", "N"))
+    for number in range(30):  # what is written waits no more
+        while recorder._queue.qsize():
+            SystemClock().sleep(0.001)
+        recorder.block("measured", block(number))
+    while recorder._waiting_bytes:
+        SystemClock().sleep(0.001)
+    go.clear()
+    recorder.event(Event(START_NS, "info", "rig", "x", "y"))
+    while recorder._queue.qsize():
+        SystemClock().sleep(0.001)
+    for number in range(30, 40):
+        recorder.block("measured", block(number))
+    with pytest.raises(RecorderFailed, match="the disk is slower than the data"):
+        recorder.block("measured", block(40))
+    go.set()
+    with pytest.raises(RecorderFailed, match="the disk is slower than the data"):
+        recorder.close()
+
+
 class DiskOfItsOwnPace(LogWriter):
     """Takes writes at once; what it does when it is asked to sync comes from outside."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,7 +20,7 @@ from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, MarkStage, W
 from drivers.ni_daq.sensors import described
 from drivers.protocols.card import CardReading
 from rig.files.bench import Bench, embedded_bench
-from rig.session.at_rest import Sensors
+from rig.session.at_rest import Sensors, Shaft
 from rig.session.set_up import Findings, Question, answered, changes, questions
 from tests.drivers.in_process import RowsPlant, opened
 
@@ -334,6 +335,21 @@ def test_a_turn_that_has_come_to_its_end_is_told_once() -> None:
             "crank.angle turned by +229°; 1 mark, the last at 37."
         )
         assert watched.shaft.rested(watched.end_s) is None
+
+
+@pytest.mark.parametrize("turning", [False, True])
+def test_a_shaft_is_watched_for_hours_in_little_memory(turning: bool) -> None:
+    shaft = Shaft([ANGLE], 51_200.0)
+    sizes = []
+    for number in range(3 * 8192):
+        angle = np.full((1, 3840), 0.3 + turning * number)
+        angle[0, 1920:] += turning * 0.5
+        shaft.take(CardReading(number * 3840, angle, (Flag.GOOD,), 0.0))
+        assert shaft.rested(number * 0.075) is None
+        if number in (8200, 3 * 8192 - 1):
+            sizes.append(len(pickle.dumps(shaft)))
+    assert sizes[1] < 1.01 * sizes[0]
+    assert sizes[0] < (20e6 if turning else 1e4)
 
 
 def test_an_encoder_on_the_bus_tells_its_direction_and_mounting(tmp_path: Path) -> None:

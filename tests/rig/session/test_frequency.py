@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -112,6 +114,44 @@ def test_the_check_looks_at_its_channel_and_begins_anew_after_a_hole() -> None:
     check(Block("measured", SampleBlock("drive.force", 0, 0, RATE, whole[:1000])))
     check(Block("measured", SampleBlock("drive.force", 3000, 0, RATE, whole[3000:])))
     assert check.result().held
+
+
+def checked(values: NDArray[np.float64], nominal: float = 20.0) -> tuple[DriveFrequency, FrequencyCheck]:
+    """By a stream of blocks."""
+    check = FrequencyCheck("drive.force", nominal)
+    for first in range(0, len(values), 7680):
+        part = values[first : first + 7680].astype(np.float32)
+        check(Block("measured", SampleBlock("drive.force", first, 0, RATE, part)))
+    return check.result(), check
+
+
+@pytest.mark.parametrize("off", [0.0, 1.5e-4, -2.5e-4, 4e-3])
+def test_a_long_record_is_known_as_well_as_a_short_one(off: float) -> None:
+    found, _ = checked(drive(20.0 * (1 + off), 60.0, second=0.2, third=0.2))
+    assert found.off == pytest.approx(off, abs=2e-7)
+    assert found.uncertainty < 1e-7
+    assert found.code == (HELD if abs(off) < 2e-4 else OFF)
+
+
+def test_a_long_record_that_wanders_is_not_held() -> None:
+    seconds = np.arange(round(60.0 * RATE)) / RATE
+    frequency = 20.0 * (1 + 6e-4 * np.cos(2 * np.pi * seconds / 30.0))
+    found, _ = checked(9.0 * np.sin(2 * np.pi * np.cumsum(frequency) / RATE))
+    assert abs(found.off) < 2e-4
+    assert "wanders" in str(found)
+
+
+def test_a_long_record_without_a_drive_is_no_verdict() -> None:
+    found, _ = checked(NOISE_N * np.random.default_rng(5).standard_normal(round(30 * RATE)))
+    assert found.code == UNKNOWN
+
+
+def test_a_long_record_takes_no_more_memory_than_a_short_one() -> None:
+    """Of 2000 Hz, whose phases are merged twice in 20 s."""
+    sizes = [len(pickle.dumps(checked(drive(2000.0, seconds), 2000.0)[1])) for seconds in (3.0, 20.0)]
+    assert sizes[1] < 1.1 * sizes[0]
+    found, _ = checked(drive(2000.0 * (1 + 3e-4), 20.0), 2000.0)
+    assert found.off == pytest.approx(3e-4, rel=1e-3)
 
 
 @pytest.mark.parametrize(
