@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -86,10 +86,16 @@ _NOT_STEADY = 1 / 3
 
 @dataclass(slots=True)
 class Watched:
-    """CPU (share of a core) and RSS (MiB) of each process in each stretch of 2 s."""
+    """CPU (share of a core) and memory (MiB) of each process in each stretch of 2 s.
+
+    `own`: without pages of files, which the system takes away and reads again as it likes.
+    """
 
     cpu: dict[str, list[float]] = field(default_factory=dict)
     rss: dict[str, list[float]] = field(default_factory=dict)
+    own: dict[str, list[float]] = field(default_factory=dict)
+    code: int = 0
+    """With which the run ended."""
 
 
 def main() -> int:
@@ -187,7 +193,8 @@ def _watch(command: list[str], seconds: float) -> Watched:
     process = psutil.Process(run.pid)
     processes = [process, *process.children(recursive=True)]
     names = {each.pid: _name(each, run.pid) for each in processes}
-    watched = Watched({name: [] for name in names.values()}, {name: [] for name in names.values()})
+    each_has: Callable[[], dict[str, list[float]]] = lambda: {name: [] for name in names.values()}
+    watched = Watched(each_has(), each_has(), each_has())
     end = time.monotonic() + seconds
     before, at = [_seconds(each) for each in processes], time.monotonic()
     while at < end and run.poll() is None:
@@ -197,9 +204,10 @@ def _watch(command: list[str], seconds: float) -> Watched:
             watched.cpu[names[each.pid]].append(max(used - earlier, 0.0) / elapsed)
             with suppress(psutil.NoSuchProcess):
                 watched.rss[names[each.pid]].append(each.memory_info().rss / MIB)
+                watched.own[names[each.pid]].append(_own_mib(each.pid))
         before, at = now, at + elapsed
     print(run.stdout.read(), end="")
-    run.wait()
+    watched.code = run.wait()
     return watched
 
 
@@ -213,6 +221,15 @@ def _name(process: psutil.Process, acquisition: int) -> str:
     known = {"rerun": VIEWER, "resource_tracker": "resource tracker"}
     named = Path(f"/proc/{process.pid}/comm").read_text().strip()
     return f"{next((name for part, name in known.items() if part in line), named)} {process.pid}"
+
+
+def _own_mib(pid: int) -> float:
+    """Memory of a process that no file holds, swapped or not; raises psutil.NoSuchProcess if it is gone."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError) as error:
+        raise psutil.NoSuchProcess(pid) from error
+    return sum(map(int, re.findall(r"^(?:RssAnon|RssShmem|VmSwap):\s+(\d+)", status, re.MULTILINE))) / 1024
 
 
 def _seconds(process: psutil.Process) -> float:
@@ -239,7 +256,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     means = {name: statistics.mean(shares) for name, shares in watched.cpu.items() if shares}
     busiest = max(means, key=lambda name: means[name])
     most_mib = {name: max(rss) for name, rss in watched.rss.items() if rss}
-    slopes = {name: _slope(watched.rss[name]) for name in most_mib if not name.startswith(VIEWER)}
+    slopes = {name: _slope(watched.own[name]) for name in most_mib if not name.startswith(VIEWER)}
     worst = max(watched.cpu["acquisition"])
     print(f"\nlog                       {logs[0].stat().st_size / MIB:.0f} MiB, sound: {report.sound}")
     print(f"channels                  {measured} of the card; {len(counted)} measured and predicted in all")
@@ -252,7 +269,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     long = seconds >= _SLOPE_S
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
         slope = f", in the last two thirds {slopes[name]:+.2f} MB/h" if long and name in slopes else ""
-        least = " ".join(f"{each:.0f}" for each in _least_mib(watched.rss[name])) if slope else ""
+        least = " ".join(f"{each:.1f}" for each in _least_mib(watched.own[name])) if slope else ""
         print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB{slope}{least and f': {least}'}")
     print(f"acquisition, worst 2 s    {worst:.2f} of a core")
     print(f"busiest process           {busiest}, {means[busiest]:.2f} of a core")
@@ -260,25 +277,28 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"load after the run        {os.getloadavg()[0]:.2f}")
     kept = report.sound and not unaccounted and not missing and not wrong and measured == channels
     kept = kept and "derived.stopped" not in told
+    gone = [name for name, rss in watched.rss.items() if len(rss) < len(watched.rss["acquisition"])]
+    print(f"ended                     with {watched.code}; gone before it: {', '.join(gone) or 'none'}")
+    kept = kept and not watched.code and not gone
     within = means["acquisition"] < MOST_CPU.get(channels, 1.0)
-    level = seconds < _AN_HOUR_S or max(slopes.values()) < MOST_MB_AN_HOUR
+    level = seconds < _AN_HOUR_S or all(slope < MOST_MB_AN_HOUR for slope in slopes.values())
     return 0 if kept and within and level and most_mib["acquisition"] < MOST_MIB.get(channels, 1500) else 1
 
 
-def _slope(rss_mib: list[float]) -> float:
-    """MB an hour that a process has grown by in the last two thirds.
+def _slope(own_mib: list[float]) -> float:
+    """MB an hour that a process's own memory has grown by in the last two thirds.
 
     By the least of each time between two stalls, in which it takes up what waits, and gives it back in parts.
     """
-    least = _least_mib(rss_mib[round(len(rss_mib) * _NOT_STEADY) :]) * (MIB / 1e6)
+    least = _least_mib(own_mib[round(len(own_mib) * _NOT_STEADY) :]) * (MIB / 1e6)
     hours = np.arange(len(least)) * _STALLS_EVERY_S / 3600.0
     return float(np.polyfit(hours, least, 1)[0]) if len(least) > 1 else math.nan
 
 
-def _least_mib(rss_mib: list[float]) -> NDArray[np.float64]:
+def _least_mib(own_mib: list[float]) -> NDArray[np.float64]:
     """Of each time between two stalls."""
     each = round(_STALLS_EVERY_S / EVERY_S)
-    return np.asarray(np.reshape(rss_mib[: len(rss_mib) // each * each], (-1, each)).min(axis=1))
+    return np.asarray(np.reshape(own_mib[: len(own_mib) // each * each], (-1, each)).min(axis=1))
 
 
 def _beside(topic: str) -> float:
