@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -193,8 +193,9 @@ def _watch(command: list[str], seconds: float) -> Watched:
     process = psutil.Process(run.pid)
     processes = [process, *process.children(recursive=True)]
     names = {each.pid: _name(each, run.pid) for each in processes}
-    each_has: Callable[[], dict[str, list[float]]] = lambda: {name: [] for name in names.values()}
-    watched = Watched(each_has(), each_has(), each_has())
+    watched = Watched()
+    for table in (watched.cpu, watched.rss, watched.own):
+        table.update({name: [] for name in names.values()})
     end = time.monotonic() + seconds
     before, at = [_seconds(each) for each in processes], time.monotonic()
     while at < end and run.poll() is None:
