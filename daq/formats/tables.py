@@ -32,6 +32,10 @@ TABLE = "impacts"
 KINDS: Mapping[str, type] = {field.name: get_type_hints(Impact)[field.name] for field in fields(Impact)}
 """int, float or str of each column, in their order."""
 _ROWS = 1 << 16
+_CELLS_A_SAMPLE = 1 << 10
+"""Of a table at most: so channels of a second each may lie a quarter of an hour apart."""
+_FEW = 64
+"""Samples, however few there are."""
 SAMPLE, TIME = "sample", "time"
 
 
@@ -119,7 +123,10 @@ class TrackTable:
 
 
 def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
-    """Tables of a recording, one for each time base; raises RattleError if there is not one sample."""
+    """Tables of a recording, one for each time base.
+
+    Raises RattleError if there is not one sample, LogError where there is next to none for a table's size.
+    """
     groups: list[list[Track]] = []
     for track in recording.tracks:
         if not track.stretches:
@@ -139,8 +146,17 @@ def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
     for group in groups:
         filled = [track for track in group if track.stretches]
         first, end = min(each.first_sample for each in filled), max(each.end_sample for each in filled)
+        _check_filled(group, end - first)
         tables.append(TrackTable(filled[0].stretches[0].base, tuple(group), first, end))
     return sorted(tables, key=lambda table: (table.first - table.end, -table.base.sample_rate))
+
+
+def _check_filled(tracks: Sequence[Track], rows: int) -> None:
+    """Raise LogError where a table would hold next to nothing: two samples may lie years apart."""
+    samples = sum(stretch.count for track in tracks for stretch in track.stretches)
+    if rows * len(tracks) > _CELLS_A_SAMPLE * (samples + _FEW):
+        few = f"{samples} samples in {rows} rows"
+        raise LogError(f"its samples lie too far apart for a table ({few}): export fewer channels at once")
 
 
 def other_rates(recording: Recording) -> list[Track]:

@@ -15,11 +15,17 @@ import pyarrow.parquet as pq
 import pytest
 import scipy.io
 
+from daq.block import SampleBlock, sample_time_ns
+from daq.channel import Channel
 from daq.errors import LogError
-from daq.formats.recording import TimeBase
+from daq.formats import FORMATS
+from daq.formats.recording import Recording, TimeBase, read_log
 from daq.formats.samples import Scratch
-from daq.formats.tables import KINDS
+from daq.formats.tables import KINDS, tables_of
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
 from tests.daq.formats.files import read
+from tests.daq.log.logs import START_NS
 from tests.hostile import bounded
 
 ODD = "more would come of it than of any honest recording"
@@ -291,6 +297,33 @@ def test_short_columns_wait_no_longer_the_more_there_are(scratch: Scratch) -> No
                 column.add(np.ones(1000))
     assert all(len(column) == 10_000 for column in columns)
     assert np.array_equal(columns[7].samples().read(9990, 10_000), np.ones(10))
+
+
+def apart(path: Path, samples: int, second: int, scratch: Scratch) -> Recording:
+    """Two channels on one time base, of which the second begins at sample `second`."""
+    with LogWriter(path) as writer:
+        for name, first in (("a", 0), ("b", second)):
+            writer.declare("measured", Channel(name, "N"))
+            time_ns = sample_time_ns(START_NS, first, RATE)
+            each = SampleBlock(name, first, time_ns, RATE, np.ones(samples, np.float32))
+            writer.add_block("measured", each, time_ns)
+    with LogReader(path) as log:
+        return read_log(log, scratch)
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet"])
+def test_channels_months_apart_make_no_table(name: str, tmp_path: Path, scratch: Scratch) -> None:
+    """Ten samples each: it would have 10^10 rows."""
+    recording, write = apart(tmp_path / "log.mcap", 10, 10**10, scratch), FORMATS[name].write
+    assert write is not None
+    with pytest.raises(LogError, match="20 samples in 10000000010 rows"):
+        write(recording, tmp_path / f"run.{name}", lambda _: None)
+    assert not list(tmp_path.glob("run*"))
+
+
+def test_channels_of_a_second_that_begin_minutes_apart_make_one(tmp_path: Path, scratch: Scratch) -> None:
+    (table,) = tables_of(apart(tmp_path / "log.mcap", 1000, 600_000, scratch), lambda _: None)
+    assert (table.first, table.end) == (0, 601_000)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 1e-310, 1e300, float("nan")])
