@@ -10,11 +10,12 @@ import struct
 import zlib
 from array import array
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Chunk
@@ -36,6 +37,8 @@ anew. With four times as much a replay takes a fifth longer, since it works in m
 _HEAD = struct.Struct("<BQQQQII")
 """Opcode and length of the record; first and last time, size, checksum, letters of the compression's name."""
 _LENGTH = struct.Struct("<Q")
+_IDS, _LATEST_NS = 1 << 16, (1 << 64) - 1
+"""Of a log's channels, and its times."""
 
 
 class IndexedChunk(NamedTuple):
@@ -135,13 +138,16 @@ class IndexedChunks:
             self._executor = None
         self._opened.clear()
 
-    def last_ns(self, ids: frozenset[int], after_ns: int) -> int:
-        """Log time at which the last chunk ends that holds any of the channels `ids` and begins after a time.
-
-        0 for none.
-        """
-        later = (each for each in self._indexes if each.first_ns > after_ns)
-        return max((each.last_ns for each in later if ids & {*each.channel_ids}), default=0)
+    def last_ns(self, after_ns: Mapping[int, int]) -> dict[int, int]:
+        """Log time at which the last chunk ends that holds a channel and begins after its time; else 0."""
+        begins, lasts = np.full(_IDS, _LATEST_NS, np.uint64), np.zeros(_IDS, np.uint64)
+        for channel, time_ns in after_ns.items():
+            begins[channel] = min(time_ns + 1, _LATEST_NS)
+        for each in self._indexes:
+            ids = np.frombuffer(each.channel_ids, np.uint16)
+            ids = ids[begins[ids] <= each.first_ns]
+            lasts[ids] = np.maximum(lasts[ids], each.last_ns)
+        return {channel: int(lasts[channel]) for channel in after_ns}
 
     def passing(
         self, ids: frozenset[int] | None, start_ns: int | None, end_ns: int | None, allowance: Allowance

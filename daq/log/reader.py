@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cached_property, partial
 from io import BytesIO
 from pathlib import Path
@@ -275,7 +275,7 @@ class LogReader:
     def end_s(self, origin: Origin, channel: str) -> float:
         """Seconds from sample 0 of a channel to its end: of a finished log only the last chunk is read."""
         topic = f"/{origin}/{channel}"
-        last = deque(self.messages({topic}, start_ns=self.last_ns(topic, -1)), maxlen=1)
+        last = deque(self.messages({topic}, start_ns=self.last_ns({topic: -1})[topic]), maxlen=1)
         blocks = (codec.decode_block(channel, message.data) for message in last)
         return max((block.end_sample / block.sample_rate for block in blocks), default=0.0)
 
@@ -296,17 +296,23 @@ class LogReader:
             found.append(codec.decode_record(kind, message.data))
         return found
 
-    def last_ns(self, topic: str, after_ns: int) -> int:
-        """When the host had the last of a topic at the latest, by those chunks that begin after a time.
+    def last_ns(self, after_ns: Mapping[str, int]) -> dict[str, int]:
+        """When the host had the last of each topic at the latest, by those chunks that begin after its time.
 
-        By the index; 0 where there is none.
+        By the index, in one pass over it; 0 where there is none.
         """
-        numbers = frozenset(number for number, name in self._channel_names.items() if name == topic)
-        return 0 if self._indexed is None else self._indexed.last_ns(numbers, after_ns)
+        lasts = dict.fromkeys(after_ns, 0)
+        if self._indexed is not None:
+            names = {number: name for number, name in self._channel_names.items() if name in after_ns}
+            found = self._indexed.last_ns({number: after_ns[name] for number, name in names.items()})
+            for number, name in names.items():
+                lasts[name] = max(lasts[name], found[number])
+        return lasts
 
-    def may_hold(self, topic: str) -> bool:
-        """Whether messages of a topic were written, by the index; without one they may have been."""
-        return self._indexed is None or self.last_ns(topic, -1) > 0
+    def may_hold(self, topics: Collection[str]) -> list[str]:
+        """Topics of which messages were written, by the index; without one they may have been of all."""
+        lasts = self.last_ns(dict.fromkeys(topics, -1))
+        return [topic for topic in topics if self._indexed is None or lasts[topic] > 0]
 
     def check_frame(self) -> int:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong.

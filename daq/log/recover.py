@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -233,23 +233,11 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
                     if block is not None:
                         lasts[message.topic] = message.log_ns, block
                 cause = UNWRITTEN if log.damage == CUT else LOST
-                for topic, (log_ns, block) in lasts.items() if log.damage else ():
-                    whose, name = origin_and_name(topic)
-                    # of what is measured at once; a prediction comes later by as much as it likes
-                    beside = (at for other, (at, _) in lasts.items() if other.startswith(f"/{whose}/"))
-                    late_s = (max(*beside, log.last_ns(topic, log_ns), log_ns) - log_ns) / NS_PER_S
-                    size = max(len(block), 1)
-                    behind = size * math.floor(late_s * block.sample_rate / size + _SOONER)
-                    behind = min(behind, LATEST - 1 - block.end_sample)
-                    if whose and behind > 0 and whose != "derived":  # which come when a cycle ends
-                        writer.due(whose, name, block.end_sample + behind, log_ns, cause)
-                        lost += behind if cause == LOST else 0
-                untold = [
-                    topic
-                    for topic in topics
-                    if topic.startswith(_SAMPLE_TOPICS) and topic not in lasts and log.may_hold(topic)
-                ]
-                writer.add_metadata(_RECOVERED, _origin(log, lost, untold if cause == LOST else []))
+                behind = _due(log, lasts, writer, cause) if log.damage else 0
+                lost += behind if cause == LOST else 0
+                without = [each for each in topics if each.startswith(_SAMPLE_TOPICS) and each not in lasts]
+                untold = log.may_hold(without) if cause == LOST else []
+                writer.add_metadata(_RECOVERED, _origin(log, lost, untold))
                 writer.close()
             except BaseException:  # one that lacks the rest would look as if it were whole
                 recovered.unlink(missing_ok=True)
@@ -259,6 +247,30 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
         except RecorderFailed as error:
             raise LogError(str(error)) from error
         return verify_log(recovered)
+
+
+def _due(log: LogReader, lasts: Mapping[str, tuple[int, SampleBlock]], writer: LogWriter, cause: str) -> int:
+    """Make gaps of what topics lack that end before others do; `lasts`: when the host had their last blocks.
+
+    Returns how many samples.
+    """
+    held_ns = log.last_ns({topic: log_ns for topic, (log_ns, _) in lasts.items()})
+    beside_ns: dict[Origin | None, int] = {}
+    for topic, (log_ns, _) in lasts.items():
+        whose, _ = origin_and_name(topic)
+        beside_ns[whose] = max(beside_ns.get(whose, 0), log_ns)
+    due = 0
+    for topic, (log_ns, block) in lasts.items():
+        whose, name = origin_and_name(topic)
+        # of what is measured at once; a prediction comes later by as much as it likes
+        late_s = (max(beside_ns[whose], held_ns[topic]) - log_ns) / NS_PER_S
+        size = max(len(block), 1)
+        behind = size * math.floor(late_s * block.sample_rate / size + _SOONER)
+        behind = min(behind, LATEST - 1 - block.end_sample)
+        if whose and behind > 0 and whose != "derived":  # which come when a cycle ends
+            writer.due(whose, name, block.end_sample + behind, log_ns, cause)
+            due += behind
+    return due
 
 
 def _origin(log: LogReader, lost: int, untold: list[str]) -> dict[str, str]:

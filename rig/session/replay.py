@@ -103,8 +103,8 @@ class _Derived:
 
 def _shown(log: LogReader, speed: float, screen: Screen) -> AbstractContextManager[Callable[[float], None]]:
     """A bar over the s of a log that are played; of a log that was cut short nobody knows how many."""
-    ends_ns = [log.last_ns(f"/{origin}/{name}", 0) for origin in PLAYED for name in log.channels(origin)]
-    seconds = max((max(ends_ns) - (log.zero_ns or 0)) / NS_PER_S, 0.0)
+    ends_ns = log.last_ns({f"/{origin}/{name}": 0 for origin in PLAYED for name in log.channels(origin)})
+    seconds = max((max(ends_ns.values()) - (log.zero_ns or 0)) / NS_PER_S, 0.0)
     work = Work("replay", log.path.stat().st_size / 1e6)
     return screen.bar("replaying", round(seconds, 3), LOG_S, work if speed == 0 else None)
 

@@ -287,6 +287,25 @@ def test_a_summary_of_hours_is_read_piece_by_piece(tmp_path: Path) -> None:
         assert log.complete
 
 
+def test_topics_by_the_thousand_are_looked_up_in_one_pass_over_the_index(tmp_path: Path) -> None:
+    """Of a thousand chunks, none of which is there: so of each is asked whether it had anything."""
+    builder, path, number = RecordBuilder(), tmp_path / "log.mcap", 1000
+    Header("", "rattle").write(builder)
+    DataEnd(0).write(builder)
+    start = len(MCAP0_MAGIC) + builder.count
+    for channel in range(number):
+        ChannelRecord(channel, f"/measured/{channel}", "protobuf", {}, 0).write(builder)
+    content = MCAP0_MAGIC + builder.end()
+    ChunkIndex(0, 1, "zstd", 1, 1, 0, dict.fromkeys(range(number), 1), 0, 1).write(builder)
+    content += builder.end() * number
+    Footer(start, 0, 0).write(builder)
+    path.write_bytes(content + builder.end() + MCAP0_MAGIC)
+    begun = time.process_time()
+    report = recover_log(path, tmp_path / "recovered.mcap")
+    assert time.process_time() - begun < WITHIN_S
+    assert report.untold == tuple(f"/measured/{channel}" for channel in range(number))
+
+
 def test_channels_by_the_ten_thousand_are_refused(tmp_path: Path) -> None:
     data = b"".join(
         record(4, struct.pack("<HHI", number, 0, 5) + b"%5d" % number + bytes(8)) for number in range(10_000)
