@@ -131,6 +131,9 @@ class IndexedChunks:
         self._opened: OrderedDict[int, tuple[int, Future[OpenedChunk]]] = OrderedDict()
         self._executor: ThreadPoolExecutor | None = None
 
+    def __len__(self) -> int:
+        return len(self._indexes)
+
     def close(self) -> None:
         """End the thread that opens chunks ahead."""
         if self._executor is not None:

@@ -25,6 +25,7 @@ from daq.log.chunks import LONGEST_RECORD_BYTES, MAXIMUM_CHUNK_BYTES, RECORD_HEA
 from daq.log.records import CHECKSUM_OPCODE
 
 CUT = "it ends in the middle, as a crash leaves it"
+_OUTSIDE = "messages outside of chunks are not read"
 _COMPRESSION = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
 """Of a chunk's record: opcode, length, first and last time, size and checksum of its content."""
@@ -76,16 +77,19 @@ def metadata_and_chunks(descriptor: int, allowance: Allowance, note: Note) -> It
                 yield Metadata.read(_content(record))
             elif opcode == Opcode.CHUNK:
                 yield Chunk.read(_content(record))
+            elif opcode == Opcode.MESSAGE:
+                note(_OUTSIDE, position)
         except _NO_RECORD as error:
             note(f"a record of kind {opcode} is damaged ({type(error).__name__})", position)
 
 
-def check_data(descriptor: int, allowance: Allowance, note: Note) -> int:
+def check_data(descriptor: int, allowance: Allowance, note: Note, indexed: int | None) -> int:
     """Tell `note` where the frame of a log, or the checksum of all before its summary, is wrong.
 
-    Returns how many chunks neither that nor one of their own covers.
+    And where it has other chunks than the `indexed`, and messages outside of them. Returns how many chunks
+    neither that checksum nor one of their own covers; with the summary, where that has none.
     """
-    checksum, ended, unchecked = zlib.crc32(MCAP0_MAGIC), False, 0
+    checksum, ended, unchecked, chunks = zlib.crc32(MCAP0_MAGIC), False, 0, 0
     position = 0
     for position, opcode, record in _records(descriptor, allowance, note):
         if opcode == Opcode.DATA_END:
@@ -96,10 +100,17 @@ def check_data(descriptor: int, allowance: Allowance, note: Note) -> int:
                 note("the checksum of its data is wrong", position)
             unchecked = 0 if told else unchecked
         elif opcode == Opcode.CHUNK:
+            chunks += 1
             unchecked += not any(record[_CHUNK_CHECKSUM])
+        elif opcode == Opcode.MESSAGE:
+            note(_OUTSIDE, position)
+        elif opcode == Opcode.FOOTER:
+            unchecked += not any(record[-_CHECKSUM_BYTES:])
         checksum = zlib.crc32(record, checksum)
     if not ended:
         note("nothing says where its data ends", position)
+    if indexed not in (None, chunks):
+        note(f"its index has {indexed} chunks, and its data {chunks}", position)
     return unchecked
 
 
@@ -157,22 +168,29 @@ def read_summary(descriptor: int) -> Summary:
         raise ValueError(CUT)
     if os.pread(descriptor, len(MCAP0_MAGIC), 0) != MCAP0_MAGIC:
         raise ValueError("it does not begin as an MCAP file does")
-    summary, places, empty = Summary([], [], {}), list[int](), False
+    summary, places, statistics = Summary([], [], {}), list[int](), None
     for opcode, record in _summary_records(descriptor, position, size, footer):
         if opcode == Opcode.CHANNEL:
             summary.declared.append(record[RECORD_HEAD.size :])
         elif opcode == Opcode.CHUNK_INDEX:
             summary.chunks.append(_indexed(memoryview(record)[RECORD_HEAD.size :]))
         elif opcode == Opcode.STATISTICS:
-            empty = Statistics.read(_content(record)).channel_count == 0
+            statistics = Statistics.read(_content(record))
         elif opcode == Opcode.METADATA_INDEX:
             places.append(MetadataIndex.read(_content(record)).offset)
-    if any(one.start + one.length > two.start for one, two in pairwise(sorted(summary.chunks))):
-        raise ValueError("its index has chunks over one another")
-    if not summary.declared and not empty:
-        raise ValueError("its summary has no channels")
+    _check_summary(summary, statistics)
     summary.metadata.update(_metadata_at(descriptor, places, size))
     return summary
+
+
+def _check_summary(summary: Summary, statistics: Statistics | None) -> None:
+    """Raise ValueError where it cannot be of all of a log."""
+    if any(one.start + one.length > two.start for one, two in pairwise(sorted(summary.chunks))):
+        raise ValueError("its index has chunks over one another")
+    if statistics and statistics.chunk_count != len(summary.chunks):
+        raise ValueError("its index does not have all of its chunks")
+    if not summary.declared and not (statistics and statistics.channel_count == 0):
+        raise ValueError("its summary has no channels")
 
 
 def _metadata_at(descriptor: int, places: list[int], size: int) -> Iterator[tuple[str, dict[str, str]]]:

@@ -317,9 +317,10 @@ class LogReader:
     def check_frame(self) -> int:
         """Read the whole file from its front and note in `damage` where its framing or checksum is wrong.
 
-        Returns how many chunks no checksum covers.
+        And what of it is never read. Returns how many chunks no checksum covers; the summary counts as one.
         """
-        return check_data(self._file.fileno(), self.allowance(), self._note)
+        indexed = None if self._indexed is None else len(self._indexed)
+        return check_data(self._file.fileno(), self.allowance(), self._note, indexed)
 
     def _read_summary(self) -> None:
         summary = read_summary(self._file.fileno())
@@ -328,11 +329,11 @@ class LogReader:
             self._topics[channel.topic] = channel.metadata
             self._channel_names[channel.id] = channel.topic
         self.metadata = summary.metadata
-        self._indexed = IndexedChunks(self._file.fileno(), summary.chunks, self._sealed)
+        self._indexed = IndexedChunks(self._file.fileno(), summary.chunks, self.sealed)
         self.complete = True
 
     @property
-    def _sealed(self) -> bool:
+    def sealed(self) -> bool:
         """Whether all its chunks were written with checksums."""
         return self.library.startswith("rattle")
 
@@ -358,7 +359,7 @@ class LogReader:
                 self.metadata[record.name] = record.metadata
                 continue
             try:
-                _, channels = self._opened(partial(open_chunk, record, allowance, self._sealed))
+                _, channels = self._opened(partial(open_chunk, record, allowance, self.sealed))
             except LogError as error:
                 self._note(str(error).removeprefix(f"{self.path}: "))
                 continue
@@ -379,7 +380,7 @@ class LogReader:
             for record in metadata_and_chunks(self._file.fileno(), self.allowance(), self._note):
                 if isinstance(record, Chunk):
                     self.passing(passed := passed + len(record.data))
-                    yield partial(open_chunk, record, allowance, self._sealed)
+                    yield partial(open_chunk, record, allowance, self.sealed)
             return
         numbers = None
         if topics is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -20,9 +20,11 @@ from daq.log.records import Gap
 from daq.log.writer import LogWriter
 
 LOST, UNWRITTEN = "lost in a damaged log", "not written before the log was cut"
-_RECOVERED = "recovered"
+RECOVERED = "recovered"
 """The metadata record in which a recovered log says what it comes from."""
 _WHOLE_NUMBER = re.compile("[0-9]{1,40}")
+_UNCHECKED, _LEFT_OUT = "unchecked", "left_out"
+"""Of its keys."""
 _SOONER = 0.25
 """Of a block: by so much less than a block after the last one the next was due."""
 _SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))
@@ -69,7 +71,11 @@ class LogReport:
     untold: tuple[str, ...] = ()
     """Topics of it of which no block was left: how many samples they had nothing tells."""
     unchecked: int = 0
-    """Chunks that no checksum covers, as another program may leave them."""
+    """Chunks, and the summary, that no checksum covers, as another program may leave them."""
+    unchecked_before: int = 0
+    """The same of the log that this one was recovered from."""
+    left_out: tuple[str, ...] = ()
+    """Topics of that log which are none of the format's."""
 
     @property
     def whole(self) -> bool:
@@ -79,12 +85,12 @@ class LogReport:
     @property
     def sound(self) -> bool:
         """True if nothing is damaged, or could be unseen, and just what is missing of each topic is told."""
-        return self._nothing_wrong and not self.unchecked
+        return self._nothing_wrong and not (self.unchecked or self.unchecked_before)
 
     @property
     def unverified(self) -> bool:
         """True if nothing is wrong as far as can be seen, where samples may be wrong and nothing shows it."""
-        return self._nothing_wrong and self.unchecked > 0
+        return self._nothing_wrong and (self.unchecked or self.unchecked_before) > 0
 
     @property
     def _nothing_wrong(self) -> bool:
@@ -117,11 +123,12 @@ def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> L
         reports = tuple(account.report(topic, ledger.get(topic, [])) for topic, account in state.items())
         missing = sum(gap.count for gap in gaps)
         seconds = max((account.seconds for account in state.values()), default=0.0)
-        origin = log.metadata.get(_RECOVERED, {})
-        counted = {name: int(text) for name, text in origin.items() if _WHOLE_NUMBER.fullmatch(text)}
-        whole, size, lost = (counted.get(name, 0) for name in ("whole_bytes", "size_bytes", "lost"))
-        told = origin.get("damage", "")
-        damage, untold = damage or log.damage, tuple(origin.get("untold", "").splitlines())
+        origin = log.metadata.get(RECOVERED, {})
+        whole, size, lost, before = (
+            _whole_number(origin, name) for name in ("whole_bytes", "size_bytes", "lost", _UNCHECKED)
+        )
+        told, damage = origin.get("damage", ""), damage or log.damage
+        untold, left_out = (tuple(origin.get(name, "").splitlines()) for name in ("untold", _LEFT_OUT))
         return LogReport(
             path,
             log.complete,
@@ -135,7 +142,15 @@ def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> L
             lost,
             untold,
             unchecked,
+            before,
+            left_out,
         )
+
+
+def _whole_number(record: Mapping[str, str], name: str) -> int:
+    """0 where there is none."""
+    text = record.get(name, "")
+    return int(text) if _WHOLE_NUMBER.fullmatch(text) else 0
 
 
 _Span = tuple[int, int]
@@ -209,7 +224,7 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
     Samples that were lost are in its gap ledger, and counted in the report: those in between, and those of
     topics that end before others do. How many came after the last that could be read of all, no file tells:
     `recovered_from` says whether it was only cut there, and `untold` of which topics none was left. Topics
-    that are none of the format's are left out. `passing` hears how many bytes have been copied.
+    that are none of the format's are `left_out`. `passing` hears how many bytes have been copied.
     """
     with LogReader(damaged, passing) as log:
         topics = {
@@ -232,12 +247,15 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
                     lost += missing
                     if block is not None:
                         lasts[message.topic] = message.log_ns, block
+                unchecked = 0 if log.sealed else log.check_frame()
                 cause = UNWRITTEN if log.damage == CUT else LOST
                 behind = _due(log, lasts, writer, cause) if log.damage else 0
                 lost += behind if cause == LOST else 0
                 without = [each for each in topics if each.startswith(_SAMPLE_TOPICS) and each not in lasts]
                 untold = log.may_hold(without) if cause == LOST else []
-                writer.add_metadata(_RECOVERED, _origin(log, lost, untold))
+                left_out = [topic for topic in log.topic_metadata() if topic not in topics]
+                record = origin_record(log, lost, untold, unchecked, left_out)
+                writer.add_metadata(RECOVERED, record)
                 writer.close()
             except BaseException:  # one that lacks the rest would look as if it were whole
                 recovered.unlink(missing_ok=True)
@@ -273,18 +291,24 @@ def _due(log: LogReader, lasts: Mapping[str, tuple[int, SampleBlock]], writer: L
     return due
 
 
-def _origin(log: LogReader, lost: int, untold: list[str]) -> dict[str, str]:
+def origin_record(
+    log: LogReader, lost: int, untold: Sequence[str], unchecked: int, left_out: Sequence[str]
+) -> dict[str, str]:
     """What a recovered log says of the one that it comes from; of a sound one, what that says itself."""
-    if not log.damage and not lost:
-        return log.metadata.get(_RECOVERED, {})
-    size = log.path.stat().st_size
-    counts = {
-        "whole_bytes": size if log.damaged_at is None else log.damaged_at,
-        "size_bytes": size,
-        "lost": lost,
-    }
-    told = {"damage": log.damage, "untold": "\n".join(untold)}
-    return {**told, **{name: str(count) for name, count in counts.items()}}
+    told = log.metadata.get(RECOVERED, {})
+    unchecked += _whole_number(told, _UNCHECKED)
+    left_out = [*told.get(_LEFT_OUT, "").splitlines(), *left_out]
+    if log.damage or lost:
+        size = log.path.stat().st_size
+        told = {
+            "damage": log.damage,
+            "untold": "\n".join(untold),
+            "whole_bytes": str(size if log.damaged_at is None else log.damaged_at),
+            "size_bytes": str(size),
+            "lost": str(lost),
+        }
+    more = {_UNCHECKED: str(unchecked) if unchecked else "", _LEFT_OUT: "\n".join(left_out)}
+    return told | {name: text for name, text in more.items() if text}
 
 
 def _copy(message: LoggedMessage, writer: LogWriter) -> tuple[int, SampleBlock | None]:

@@ -104,6 +104,8 @@ def recover(
         report = recover_log(log, out, passing)
     if not report.whole:
         screen.say(f"{report.lost} samples were lost, and what may have come after them")
+    if report.left_out:
+        screen.say(f"left out   {', '.join(report.left_out)}: none of rattle's topics")
     _show(report, as_json=False)
     if not report.whole:
         raise typer.Exit(_LOST)
@@ -148,21 +150,27 @@ def _verdict(report: LogReport, log: LogReader) -> str:
         reaches += f", {report.ledger_missing} more missing by its ledger"
     if not report.complete:
         return f"{reaches}; cut short ({report.damage or 'no end'}): rattle recover"
-    if not samples:
+    if not samples and not report.damage and not report.recovered_from:
         return f"{reaches}: nothing was recorded"
-    if report.unverified:
-        none = f"{report.unchecked} of its chunks have no checksum that would show damage"
-        return f"{reaches}: UNVERIFIED, {none}"
-    if not report.sound:
+    if not report.sound and not report.unverified:
         twice = any(topic.repeats for topic in report.topics)
         untold = "samples come twice" if twice else "samples are missing outside the ledger"
         return f"{reaches}: NOT SOUND, {report.damage or untold}"
+    unverified = f"UNVERIFIED, {_unchecked(report)} no checksum that would show damage"
     if not report.recovered_from:
-        return f"{reaches}: sound"
+        return f"{reaches}: {'sound' if report.sound else unverified}"
     part = f"{report.whole_bytes / 1e6:.2f} of {report.size_bytes / 1e6:.2f} MB of "
     whose = f"{part if report.whole_bytes < report.size_bytes else ''}a log ({report.recovered_from})"
     nothing = f"; of {', '.join(report.untold)} nothing is left, however much it was" if report.untold else ""
-    return f"{reaches}: sound as far as it goes, recovered from {whose}{nothing}"
+    state = "sound as far as it goes," if report.sound else f"{unverified};"
+    return f"{reaches}: {state} recovered from {whose}{nothing}"
+
+
+def _unchecked(report: LogReport) -> str:
+    """How much of a log, or else of the one that it was recovered from, has no checksum."""
+    if report.unchecked:
+        return f"{report.unchecked} of its parts (chunks, summary) have"
+    return f"{report.unchecked_before} parts of the log that it was recovered from had"
 
 
 def replay(

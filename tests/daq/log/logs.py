@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, Header
-from mcap.writer import MCAP0_MAGIC, Writer
+from mcap.writer import MCAP0_MAGIC, IndexType, Writer
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.channel import Channel
@@ -55,16 +55,33 @@ def crashed_file(path: Path, *chunks: Chunk) -> Path:
     return path
 
 
-def write_foreign(path: Path, crc_of_chunks: bool = False, crc_of_data: bool = False) -> Path:
-    """Two blocks in two chunks as another program may write them, with checksums or none."""
+def write_foreign(
+    path: Path,
+    crc_of_chunks: bool = False,
+    crc_of_data: bool = False,
+    chunked: bool = True,
+    index: IndexType = IndexType.ALL,
+    topics: tuple[str, ...] = ("/measured/a",),
+) -> Path:
+    """Two blocks in two chunks as another program may write them, with checksums or none.
+
+    The summary has one where chunks have.
+    """
     with path.open("wb") as file:
-        writer = Writer(file, enable_crcs=crc_of_chunks, enable_data_crcs=crc_of_data)
+        writer = Writer(
+            file,
+            enable_crcs=crc_of_chunks,
+            enable_data_crcs=crc_of_data,
+            use_chunking=chunked,
+            index_types=index,
+        )
         writer.start(library="another")
         schema = writer.register_schema("rattle.SampleBlock", "protobuf", embedded_schema("SampleBlock"))
-        channel = writer.register_channel("/measured/a", "protobuf", schema, {"unit": "N"})
+        channels = [writer.register_channel(topic, "protobuf", schema, {"unit": "N"}) for topic in topics]
         for number in range(2):
             data = encode_block(block(number))
-            writer.add_message(channel, START_NS, data, START_NS, sequence=number)
+            for channel in channels:
+                writer.add_message(channel, START_NS, data, START_NS, sequence=number)
             writer.flush()
         writer.finish()
     return path

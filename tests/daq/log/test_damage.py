@@ -17,7 +17,7 @@ import pytest
 import zstandard
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC
+from mcap.writer import MCAP0_MAGIC, IndexType
 
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
@@ -298,7 +298,7 @@ def test_samples_that_come_twice_are_no_break_of_the_sequence(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("of_chunks", "of_data", "unchecked"), [(False, False, 2), (True, False, 0), (False, True, 0)]
+    ("of_chunks", "of_data", "unchecked"), [(False, False, 3), (True, False, 0), (False, True, 1)]
 )
 def test_a_log_of_others_without_checksums_is_unverified(
     tmp_path: Path, of_chunks: bool, of_data: bool, unchecked: int
@@ -308,7 +308,18 @@ def test_a_log_of_others_without_checksums_is_unverified(
     assert report.unchecked == unchecked
     assert report.unverified == (unchecked > 0)
     assert report.sound == (unchecked == 0)
-    assert recover_log(path, tmp_path / "recovered.mcap").sound
+    for name in ("recovered.mcap", "again.mcap"):  # a copy has checksums of what nobody could check
+        copy = recover_log(path, path := tmp_path / name)
+        assert (copy.unchecked, copy.unchecked_before) == (0, unchecked)
+        assert (copy.sound, copy.unverified) == (unchecked == 0, unchecked > 0)
+
+
+def test_chunks_that_no_index_has_are_read(tmp_path: Path) -> None:
+    """Their statistics say how many there are."""
+    path = write_foreign(tmp_path / "log.mcap", True, True, index=IndexType.NONE)
+    report = recover_log(path, tmp_path / "recovered.mcap")
+    assert report.sound
+    assert [topic.samples for topic in report.topics] == [2 * BLOCK]
 
 
 def test_a_recovery_that_is_broken_off_leaves_nothing_that_looks_whole(

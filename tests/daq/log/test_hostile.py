@@ -44,7 +44,11 @@ def chunk(data: bytes) -> Chunk:
 
 
 def finished_file(
-    path: Path, chunks: Sequence[Chunk], claimed: int | None = None, index_twice: bool = False
+    path: Path,
+    chunks: Sequence[Chunk],
+    claimed: int | None = None,
+    index_twice: bool = False,
+    indexed: int | None = None,
 ) -> Path:
     """A file with an index and one channel, whose chunks its index claims to have `claimed` bytes."""
     builder, indexes = RecordBuilder(), []
@@ -61,7 +65,7 @@ def finished_file(
     content += builder.end()
     start = len(content)
     ChannelRecord(0, "/event", "protobuf", {}, 0).write(builder)
-    for index in indexes:
+    for index in indexes[:indexed]:
         index.write(builder)
     Footer(start, 0, 0).write(builder)
     path.write_bytes(content + builder.end() + MCAP0_MAGIC)
@@ -138,7 +142,7 @@ def test_a_time_of_the_host_that_is_past_counting_leaves_a_gap_that_can_be_count
     )
     chunks = [chunk(inner)] if cut else [chunk(inner), Chunk("zstd", b"none", 1, 0, 0, 4)]
     report = recover_log(crashed_file(tmp_path / "log.mcap", *chunks), tmp_path / "recovered.mcap")
-    assert report.sound
+    assert report.unverified
     assert report.ledger_missing == LATEST - 1 - 2
     assert report.lost == (0 if cut else report.ledger_missing)
 
@@ -150,6 +154,14 @@ def test_one_chunk_that_the_index_has_twice_is_read_once(tmp_path: Path) -> None
         assert len(log.events()) == 1
     with pytest.raises(LogError, match="not a log"):  # its chunk declares no channel
         LogReader(finished_file(tmp_path / "twice.mcap", [one], index_twice=True)).open()
+
+
+def test_a_chunk_that_the_index_does_not_have_is_told(tmp_path: Path) -> None:
+    """Which nobody reads; no statistics count it either."""
+    one = chunk(record(5, struct.pack("<HIQQ", 0, 0, 0, 0)))
+    path = finished_file(tmp_path / "log.mcap", [one, one], indexed=1)
+    assert verify_log(path).damage == "its index has 1 chunks, and its data 2"
+    assert recover_log(path, tmp_path / "recovered.mcap").recovered_from == verify_log(path).damage
 
 
 def test_chunks_by_the_thousand_inside_one_another(tmp_path: Path) -> None:

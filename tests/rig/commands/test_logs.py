@@ -43,10 +43,35 @@ def test_a_sound_log_is_called_sound(call: Call, tmp_path: Path) -> None:
 def test_a_log_without_checksums_is_called_unverified(call: Call, tmp_path: Path) -> None:
     answer = call("verify", path := write_foreign(tmp_path / "log.mcap"))
     assert answer.code == 1
-    why = "UNVERIFIED, 2 of its chunks have no checksum that would show damage"
+    why = "UNVERIFIED, 3 of its parts (chunks, summary) have no checksum that would show damage"
     assert answer.out.splitlines()[-1] == f"{path}: 0.2 s, 200 samples: {why}"
     found = json.loads(call("verify", path, "--json").out)
-    assert (found["sound"], found["unverified"], found["unchecked"]) == (False, True, 2)
+    assert (found["sound"], found["unverified"], found["unchecked"]) == (False, True, 3)
+    answer = call("recover", path, "-o", tmp_path / "copy.mcap")
+    assert answer.code == 1
+    had = "UNVERIFIED, 3 parts of the log that it was recovered from had no checksum"
+    assert had in answer.out.splitlines()[-1]
+    assert call("verify", tmp_path / "copy.mcap").code == 1
+
+
+def test_messages_outside_of_chunks_are_told(call: Call, tmp_path: Path) -> None:
+    """They are never read: it may be all that was recorded."""
+    path = write_foreign(tmp_path / "log.mcap", True, True, chunked=False)
+    answer = call("verify", path)
+    assert answer.code == 1
+    verdict = "NOT SOUND, messages outside of chunks are not read"
+    assert answer.out.splitlines()[-1] == f"{path}: 0 s, 0 samples: {verdict}"
+    answer = call("recover", path, "-o", tmp_path / "copy.mcap")
+    assert answer.code == 3
+    assert "messages outside of chunks are not read" in answer.out.splitlines()[-1]
+
+
+def test_topics_that_are_left_out_are_named(call: Call, tmp_path: Path) -> None:
+    path = write_foreign(tmp_path / "log.mcap", True, True, topics=("/measured/a", "/camera/image"))
+    answer = call("recover", path, "-o", tmp_path / "copy.mcap")
+    assert answer.code == 0
+    assert "left out   /camera/image: none of rattle's topics" in answer.out
+    assert json.loads(call("verify", tmp_path / "copy.mcap", "--json").out)["left_out"] == ["/camera/image"]
 
 
 def test_a_log_without_samples_says_that_nothing_was_recorded(call: Call, tmp_path: Path) -> None:
