@@ -12,8 +12,10 @@ from daq.block import sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log.codec import decode_block
+from daq.log.front import CUT
 from daq.log.reader import SURROGATE, LogReader, Origin
 from daq.log.records import Event, Impact
+from daq.log.recover import RECOVERED, origin_record
 from daq.log.writer import LogWriter
 from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
@@ -48,6 +50,7 @@ def overlay_run(
 
     What follows from the samples of both, /derived/... and /impact, comes with them.
 
+    One of a log that a crash cut says so, as `rattle recover` does; of a damaged one there is none: LogError.
     The twin takes phase and mean frequency from the measured drive. `effects`: a file with what it also gets;
     the twin without them then comes too, as /nominal/... `model`: one that every twin is matched by, of which
     `warn` hears what does not hold for this run. `surrogate`: one that says what it learnt, as
@@ -55,6 +58,7 @@ def overlay_run(
     """
     with ExitStack() as stack:
         log = stack.enter_context(LogReader(run))
+        comes_from = _origin(log)
         scenario = followed_scenario(log)
         measured = log.channels("measured")
         if not measured:
@@ -77,7 +81,7 @@ def overlay_run(
         told = stack.enter_context(_shown(screen, scenario, len(twins) * record_s, learnt is not None))
         with whole_log(target) as copy:
             derived = _derivation(log, copy, scenario, twins)
-            _copy(log, copy, derived)
+            _copy(log, copy, comes_from, derived)
             record = twin_record(effects, fitted)
             if "nominal" in twins:
                 cycle = align_to(log, twins["nominal"])  # the drive's, for folding all three
@@ -175,9 +179,20 @@ def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channe
     return [channel for channel in predicted_channels(twin) if channel.name in measured]
 
 
-def _copy(log: LogReader, copy: LogWriter, derived: Derivation) -> None:
+def _origin(log: LogReader) -> dict[str, dict[str, str]]:
+    """What its copy says of a log that a crash cut, or nobody could check; LogError for a damaged one."""
+    unchecked = 0 if log.sealed else log.check_frame()
+    if log.damage not in ("", CUT):
+        raise LogError(f"{log.path} is damaged ({log.damage}): rattle recover first")
+    record = origin_record(log, 0, (), unchecked, ())
+    return {RECOVERED: record} if record else {}
+
+
+def _copy(
+    log: LogReader, copy: LogWriter, comes_from: Mapping[str, dict[str, str]], derived: Derivation
+) -> None:
     """Everything but an earlier prediction and what was derived, message by message as it was."""
-    for name, record in log.metadata.items():
+    for name, record in {**log.metadata, **comes_from}.items():
         if name not in ("twin", "derived", "surrogate"):
             copy.add_metadata(name, record)
     for channel in log.channels("measured").values():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader
 from mcap.records import Chunk, Header
 from mcap.writer import MCAP0_MAGIC, IndexType, Writer
 
@@ -53,6 +54,23 @@ def crashed_file(path: Path, *chunks: Chunk) -> Path:
         chunk.write(builder)
     path.write_bytes(MCAP0_MAGIC + builder.end())
     return path
+
+
+def copied_by_others(run: Path, target: Path) -> Path:
+    """The same log as another program may write it, without checksums."""
+    with run.open("rb") as source, target.open("wb") as file:
+        reader, writer = make_reader(source), Writer(file, enable_crcs=False)
+        writer.start(library="another")
+        numbers: dict[int, int] = {}
+        for _, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.id not in numbers:
+                numbers[channel.id] = writer.register_channel(channel.topic, "protobuf", 0, channel.metadata)
+            number, times = numbers[channel.id], (message.log_time, message.publish_time)
+            writer.add_message(number, times[0], message.data, times[1], message.sequence)
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        writer.finish()
+    return target
 
 
 def write_foreign(

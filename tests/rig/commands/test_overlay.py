@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daq.errors import LogError
+from daq.log.front import CUT, read_summary
 from daq.log.reader import LogReader, Origin
 from daq.log.recover import verify_log
 from rig.derived.settings import RECORD
 from rig.report.record import read_run
 from rig.report.summary import closeness, half_cycle_statistics, overall
 from rig.session.overlay import overlay_run
+from tests.daq.log.logs import copied_by_others
 from tests.rig.commands.cli import Call
 from tests.rig.derived.test_live_and_replay import logged, replayed
 from tests.rig.session.fakes import silent_screen
@@ -176,12 +179,34 @@ def test_a_run_that_a_crash_cut_short_is_overlaid_as_far_as_it_goes(tmp_path: Pa
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 4])
     overlay_run(cut, tmp_path / "overlay.mcap")
+    report = verify_log(tmp_path / "overlay.mcap")
+    assert (report.sound, report.recovered_from, report.size_bytes) == (True, CUT, cut.stat().st_size)
     with LogReader(tmp_path / "overlay.mcap") as log:
         assert log.complete
         measured, predicted = log.table("measured"), log.table("predicted")
     ends = {row.end_sample for row in measured.values()}
     assert 51_200 < max(ends) < 2 * 51_200
     assert max(row.end_sample for row in predicted.values()) >= max(ends) - 5120
+
+
+@pytest.mark.parametrize("place", [3, 200], ids=["length", "content"])
+def test_a_damaged_run_is_recovered_first(tmp_path: Path, place: int) -> None:
+    """Else what was lost would stand in no ledger, in a log that looks whole."""
+    run = write_log(tmp_path / "run.mcap", seconds=2.0, origins=["measured"], scenario=RUN)
+    with run.open("rb") as file:
+        chunk = read_summary(file.fileno()).chunks[2]
+    damaged = bytearray(run.read_bytes()[: run.stat().st_size * 3 // 4])
+    damaged[chunk.start + place] ^= 1
+    run.write_bytes(damaged)
+    with pytest.raises(LogError, match=r"is damaged \(.*\): rattle recover first"):
+        overlay_run(run, tmp_path / "overlay.mcap")
+    assert not (tmp_path / "overlay.mcap").exists()
+
+
+def test_what_nobody_could_check_stays_unverified(tmp_path: Path) -> None:
+    run = write_log(tmp_path / "run.mcap", seconds=2.0, origins=["measured"], scenario=RUN)
+    overlay_run(copied_by_others(run, tmp_path / "others.mcap"), tmp_path / "overlay.mcap")
+    assert verify_log(tmp_path / "overlay.mcap").unverified
 
 
 def test_a_run_is_never_changed_nor_a_file_overwritten(call: Call, tmp_path: Path) -> None:
