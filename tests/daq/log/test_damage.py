@@ -104,7 +104,7 @@ def test_a_cut_log_says_that_it_was_cut(ramp: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("crashed", [False, True], ids=["with its summary", "without"])
 def test_a_flipped_bit_is_never_read_as_a_sample(ramp: Path, tmp_path: Path, crashed: bool) -> None:
     whole = bytearray(ramp.read_bytes())
-    end = data_end(ramp)
+    end = chunks_of(ramp)[-1][0] if crashed else data_end(ramp)  # up to the last checksum of all before it
     content = whole[:end] if crashed else whole
     draw = random.Random(5)
     flipped_path = tmp_path / "flipped.mcap"
@@ -113,7 +113,7 @@ def test_a_flipped_bit_is_never_read_as_a_sample(ramp: Path, tmp_path: Path, cra
         flipped[draw.randrange(200, end)] ^= 1 << draw.randrange(8)
         flipped_path.write_bytes(flipped)
         try:
-            assert not verify_log(flipped_path).sound
+            assert verify_log(flipped_path).damage not in ("", CUT)
             with LogReader(flipped_path) as log:
                 for _, block in log.blocks():
                     assert np.array_equal(block.values, np.arange(block.first_sample, block.end_sample))
