@@ -1,9 +1,9 @@
 """The one checker: what emulated instruments sent against what a log holds.
 
 Every index that was sent is in the log once or in `/gap`; nothing is there twice, and nothing that was not
-sent; times rise, on one time base. Values tell that each index is the one that was sent. A log with a run's
-name has to be readable, to say how it ended, and to hold the tail of each channel that it declares; a test
-that ruins one says so: `ruined`.
+sent; times rise, on one time base. Values tell that each index is the one that was sent, by the declared
+scale. A log with a run's name has to be readable, to say how it ended, and to hold the tail of each channel
+that it declares, measured or predicted; a test that ruins one says so: `ruined`.
 """
 
 from __future__ import annotations
@@ -163,6 +163,7 @@ class _Log:
     late_s: float
     series: dict[tuple[str, str], list[SampleBlock]]
     channels: dict[str, Channel]
+    predicted: Sequence[str]
     scenario: str
     emulated: str
     disk_failed: bool = False
@@ -174,7 +175,8 @@ class _Log:
             for whose_samples, block in log.blocks(("measured", "predicted", "nominal")):
                 series.setdefault((whose_samples, block.channel), []).append(block)
             emulated = log.metadata.get("run", {}).get("emulated", "")
-            told = log.gaps(), log.events(), late_s(log), series, log.channels("measured")
+            channels = log.channels("measured"), list(log.channels("predicted"))
+            told = log.gaps(), log.events(), late_s(log), series, *channels
             return cls(of_a_run, written_ns, *told, log.scenario, emulated)
 
     @property
@@ -213,7 +215,8 @@ def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator
             yield f"its emulated {INSTRUMENTS[table].word} sent nothing then"
     if card is None and encoder is None and not (log.of_a_run and log.emulated):
         return  # it is of no emulator
-    declared = {("measured", name): list[SampleBlock]() for name in log.channels}
+    names = (("measured", list(log.channels)), ("predicted", log.predicted))
+    declared = {(origin, name): list[SampleBlock]() for origin, each in names for name in each}
     for (origin, name), blocks in (declared | log.series).items():
         yield from (f"{origin} {name}: {wrong}" for wrong in _tiled(blocks, log.gaps_of(name, origin)))
     if any(code in log.codes for code in _ENDINGS):
@@ -250,13 +253,13 @@ def _of_card(
         must = min(by_then, made, planned)
     if log.written_ns is not None and must > 0 and len(there := _of_inputs(log, card)) != len(card.inputs):
         yield f"{len(there)} analog channels of {len(card.inputs)} inputs"
-    for (origin, name), blocks in log.series.items():
+    for name, blocks in log.measured.items():
         if blocks[0].sample_rate != card.rate or name == _ENCODER:
             continue
-        if origin == "measured":
-            yield from _complete(name, blocks, log.gaps, made, must)
-        elif origin == "predicted" and log.of_a_run and log.written_ns is None and name in log.measured:
-            yield from _complete(name, blocks, log.gaps, math.inf, log.measured[name][-1].end_sample, origin)
+        yield from _complete(name, blocks, log.gaps, made, must)
+        if name in log.predicted and log.of_a_run and log.written_ns is None:
+            predicted = log.series.get(("predicted", name), [])
+            yield from _complete(name, predicted, log.gaps, math.inf, blocks[-1].end_sample, "predicted")
 
 
 def _of_others(log: _Log, card: SentByCard | None, until_ns: float | None) -> Iterator[str]:
@@ -369,7 +372,7 @@ def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
         places = iter([tuple(declared.index(name) for name in came)])
     else:  # a crash soon after the begin: some were not declared yet, so values tell which came
         places = islice(combinations(inputs, len(came)), _MOST_PLACES)
-    logged = [_whole(log.measured[name]) for name in came]
+    logged = [_whole(log.measured[name]) / (log.channels[name].scale or 1.0) for name in came]
     counters = [
         name for name in log.channels if log.channels[name].raw_unit in _COUNTERS and name != _ENCODER
     ]
@@ -426,16 +429,9 @@ def _counts_alike(card: SentByCard, row: int, turn: int, logged: NDArray[np.floa
 
 
 def _alike(card: SentByCard, row: int, logged: NDArray[np.float64], offset: int) -> bool:
-    """Whether samples are what was sent but for one factor."""
-    pairs = _pairs(card.shown, row, logged, offset)
-    if not pairs:
-        return True
-    came, gone = np.array(pairs).T
-    largest = np.abs(gone).argmax()
-    if gone[largest] == 0.0:
-        return not came.any()
-    factor = came[largest] / gone[largest]
-    return bool((np.abs(came - factor * gone) <= _ALIKE * abs(came[largest])).all())
+    """Whether samples, by the declared scale in what the card delivers, are what was sent."""
+    came, gone = np.array(_pairs(card.shown, row, logged, offset)).reshape(-1, 2).T
+    return bool((np.abs(came - gone) <= _ALIKE * np.abs(gone).max(initial=0.0)).all())
 
 
 def _complete(
@@ -446,10 +442,11 @@ def _complete(
     must: float,
     origin: str = "measured",
 ) -> Iterator[str]:
-    if blocks[-1].end_sample > sent:
-        yield f"{name}: {blocks[-1].end_sample} samples, but only {sent} were sent"
+    end = blocks[-1].end_sample if blocks else 0
+    if end > sent:
+        yield f"{name}: {end} samples, but only {sent} were sent"
     ends = [gap.first_sample + gap.count for gap in gaps if (gap.channel, gap.origin) == (name, origin)]
-    accounted = max(blocks[-1].end_sample, *ends, 0)
+    accounted = max(end, *ends, 0)
     if accounted < must:
         yield f"{origin} {name}: {must} samples were sent, of which the last {must - accounted} are nowhere"
 

@@ -96,6 +96,16 @@ duration = "3 s"
 """
 
 
+def predict(log: LogWriter, channel: Channel, count: int | None) -> None:
+    if count is None:
+        return
+    log.declare("predicted", channel)
+    for first in range(0, count, BLOCK):
+        time_ns = sample_time_ns(START_NS, BEGIN + first, RATE)
+        block = SampleBlock(channel.name, first, time_ns, RATE, np.zeros(BLOCK, np.float32))
+        log.add_block("predicted", block, time_ns)
+
+
 def found(
     folder: Path,
     spoil: Spoil,
@@ -104,10 +114,12 @@ def found(
     ends: Event | Sequence[Event] | None = STOP,
     cut_ns: int | None = None,
     undeclared: str = "",
+    predicted: int | None = None,
 ) -> str:
     """What the checker says of a record from the card's sample 2000 on, stopped 2 s later.
 
-    `cut_ns`: as a crash leaves it that was last written then; it came when the last was sent.
+    `cut_ns`: as a crash leaves it that was last written then; it came when the last was sent. `predicted`:
+    how many samples of the force; None where that is not even declared.
     """
     declared = (
         Channel("force", "N", scale=2.0, raw_unit="V"),
@@ -127,6 +139,7 @@ def found(
         log.add_event(Event(begin_ns, "info", "rig", RECORD_START, "recording"))
         for gap in (Gap(begin_ns, "encoder.angle", LOST, 1, "frames missing"), *gaps):
             log.add_gap(gap, begin_ns)
+        predict(log, declared[0], predicted)
         for first in range(0, MADE - BEGIN, BLOCK):
             index, time_ns = np.arange(first, first + BLOCK), sample_time_ns(begin_ns, first, RATE)
             shown = np.array([2.0 * force(BEGIN + each) for each in index.tolist()], np.float32)
@@ -193,6 +206,25 @@ def test_values_at_the_place_of_others_are_found(truth: Path, channel: str) -> N
         return replace(block, values=np.roll(block.values, 1)) if late else block
 
     assert "not those that" in found(truth.parent, changed(channel, swapped))
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 1000.0, 1.0001])
+@pytest.mark.parametrize("channel", ["force", "strain"])
+def test_values_that_are_not_in_their_unit_are_found(truth: Path, channel: str, factor: float) -> None:
+    def scaled(block: SampleBlock) -> SampleBlock:
+        return replace(block, values=block.values * np.float32(factor))
+
+    assert "not those that" in found(truth.parent, changed(channel, scaled))
+
+
+@pytest.mark.parametrize("predicted", [0, 1000])
+def test_a_prediction_that_never_came_has_to_be_in_the_ledger(truth: Path, predicted: int) -> None:
+    told, whole = Gap(START_NS, "force", predicted, 3000 - predicted, "not predicted", "predicted"), 3000
+    lacks = f"predicted force: {whole} samples were sent, of which the last {whole - predicted} are nowhere"
+    for gaps, count, words in (((), whole, ""), ((), predicted, lacks), ((told,), predicted, "")):
+        said = found(truth.parent, lambda block: block, *gaps, name=RUN_NAME, ends=ENDED, predicted=count)
+        assert said == words
+        (truth.parent / RUN_NAME).unlink()
 
 
 def test_a_position_that_was_never_sent_is_found(truth: Path) -> None:
