@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -167,12 +167,13 @@ def lost_s(killed: Killed, recovered: Path) -> dict[str, float]:
 class Lost:
     """Of a kill: its rig, the stream that lost most, how much and how late its samples came (s).
 
-    `before`: how many runs had ended before they were to be killed.
+    `seconds` are None where no record was begun. `before`: how many runs had ended before they were to be
+    killed.
     """
 
     rig: str
     stream: str
-    seconds: float
+    seconds: float | None
     late: float
     before: int
 
@@ -195,7 +196,7 @@ def lost_by(number: int, seed: int) -> Lost:
                 with LogReader(killed.log) as reader:
                     late = late_s(reader)
         worst = max(each, key=each.__getitem__, default="nothing")
-        return Lost(rig, f"{moment}: {worst}", each.get(worst, 0.0), late, before)
+        return Lost(rig, f"{moment}: {worst}", each.get(worst), late, before)
     raise EndedBefore(f"{rig}: {MOST_TRIES} runs one after the other")
 
 
@@ -221,17 +222,24 @@ def main() -> int:
     arguments = parser.parse_args()
     lost: list[float] = []
     for number, each in enumerate(worst_lost(arguments.kills, arguments.seed, arguments.beside)):
-        lost.append(each.seconds)
-        print(
-            f"{number + 1:4} {each.rig:22} {each.stream:36} {each.seconds:.3f} s, "
-            f"came up to {each.late:.3f} s late",
-            flush=True,
-        )
-    print(
-        f"all {len(lost)} recovered; lost at most {max(lost):.3f} s, median {np.median(lost):.3f} s"
-        f" (bar {MOST_LOST_S:g} s); more than that: below {3 / len(lost):.2g} of all (95 %)"
+        told = "no record was begun"
+        if each.seconds is not None:
+            lost.append(each.seconds)
+            told = f"{each.seconds:.3f} s, came up to {each.late:.3f} s late"
+        print(f"{number + 1:4} {each.rig:22} {each.stream:36} {told}", flush=True)
+    print(summary(lost, arguments.kills))
+    return int(max(lost, default=0.0) > MOST_LOST_S)
+
+
+def summary(lost: Sequence[float], kills: int) -> str:
+    """What so many kills come to, by what those lost that had begun to record."""
+    recovered = f"all {kills} recovered; {len(lost)} had begun to record"
+    if not lost:
+        return recovered
+    return (
+        f"{recovered}, and lost at most {max(lost):.3f} s, median {np.median(lost):.3f} s"
+        f" (bar {MOST_LOST_S:g} s); more than that: below {3 / len(lost):.2g} of these (95 %)"
     )
-    return int(max(lost) > MOST_LOST_S)
 
 
 if __name__ == "__main__":
