@@ -265,6 +265,8 @@ def main() -> None:
         seeds = list[tuple[str, str, bytes]]()
         for name, data in logs(folder):
             seeds += [(target, name, data) for target in ("log", "recovery", "replay", "report")]
+            if name in ("finished.mcap", "unsealed_chunks.mcap"):
+                seeds.append(("export", name, data))
             if name == "finished.mcap":
                 seeds += [("messages", *seed) for seed in messages(folder)]
         seeds += [*foreign(folder), *frames(), *files(), *surrogates(folder)]

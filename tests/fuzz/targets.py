@@ -10,7 +10,7 @@ import io
 import math
 import tempfile
 import time
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Collection, Coroutine, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
@@ -28,12 +28,12 @@ from rich.console import Console
 
 from daq.clock import SystemClock
 from daq.errors import RattleError
-from daq.formats import arrays, comma_separated, mat, parquet, tdms, uff
+from daq.formats import FORMATS, arrays, comma_separated, mat, parquet, tdms, uff
 from daq.formats.contents import Contents, FileFormat
 from daq.formats.recording import read_log, write_log
 from daq.formats.samples import Scratch, chunks
 from daq.log import codec
-from daq.log.reader import LogReader, Origin
+from daq.log.reader import LogReader, Origin, origin_and_name
 from daq.log.records import ClockRecord, Event, Gap, Impact
 from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
@@ -158,10 +158,31 @@ def _own_rig(path: Path) -> None:
 
 
 def _recovery(path: Path) -> None:
+    target = path.with_name("recovered.mcap")
     with suppress(RattleError):
-        report = recover_log(path, path.with_name("recovered.mcap"))
+        report = recover_log(path, target)
         assert report.complete, report
         assert not report.damage, report
+        with LogReader(path) as log, LogReader(target) as recovered:
+            topics = recovered.topic_metadata()
+            there = _blocks_as_written(log, topics)
+            for block in _blocks_as_written(recovered, topics):
+                assert block in there, "invented, or in another order"  # which goes on behind it
+
+
+def _blocks_as_written(log: LogReader, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
+    for message in log.messages(topics, skip_damaged=True):
+        if origin_and_name(message.topic)[0]:
+            yield message.topic, message.data
+
+
+def _export(path: Path) -> None:
+    with suppress(RattleError), LogReader(path) as log, Scratch(path.parent) as scratch:
+        recording = read_log(log, scratch)
+        for kind in FORMATS.values():
+            if kind.write is not None:
+                target = path.with_name(f"export{kind.suffixes[0]}")
+                _all(partial(kind.write, recording, target, lambda _: None))
 
 
 def _messages(data: bytes) -> None:
@@ -402,6 +423,7 @@ IMPORTED = {
 TARGETS = {
     "log": Target(_log, ".mcap"),
     "recovery": Target(_recovery, ".mcap"),
+    "export": Target(_export, ".mcap"),
     "replay": Target(_replay, ".mcap"),
     "report": Target(_report, ".mcap"),
     "own_rig": Target(_own_rig, ".mcap"),
