@@ -72,8 +72,10 @@ class Child:
     def end(self, patience_s: float, terminate_s: float | None = None) -> None:
         """Wait until it has ended, then terminate it and wait `terminate_s`, if given, then kill it.
 
-        The pipe stays open, for what the process said last.
+        The pipe stays open, for what the process said last. One that was never started has ended.
         """
+        if self.pid is None:
+            return
         self.process.join(patience_s)
         if terminate_s is not None and self.process.is_alive():
             self.process.terminate()

@@ -123,6 +123,13 @@ def test_one_that_hangs_is_terminated_or_killed(terminate_s: float | None, by: s
     assert child.process.exitcode == -by
 
 
+def test_one_that_was_never_started_has_ended() -> None:
+    child = Child("not started", hang)
+    child.end(GONE_S)
+    child.pipe.close()
+    assert child.pid is None
+
+
 def free_in_between(pipe: Connection, every_s: float | None) -> None:
     """Answers with the memory that 200 MB in pieces took, and with what of it is left once most are freed."""
     if every_s is not None:
