@@ -30,6 +30,7 @@ _HURRY_S = 0.06
 """How long a sign of life counts with a generator once the emergency stop is seen: three of the guard's."""
 _START_S = 30.0  # a new interpreter that loads a driver, on a busy machine
 _AGAIN_S, _ANSWER_S = 1.0, 2.0  # between two tries to switch off; what the run waits for `go_on`
+_LEAVES_S = 2.0  # what it waits for it to end
 _SLEPT_S = 0.05
 """Later than so by itself, this process was not let run: nor was the one that it watches."""
 _ANSWERED = 10
@@ -91,7 +92,7 @@ class Supervisor:
         self._silence_s = LET_GO_S if spare is None else SILENCE_S
         hurry_s = SILENCE_S if spare is None else min(_HURRY_S + off_s, SILENCE_S)
         self._up, self._unanswered = False, 0  # signs of life since the last that was answered
-        self._told = ""
+        self._told, self._took_over = "", False
         self._line_seen: EmergencyStop | None = None
         self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
@@ -128,10 +129,13 @@ class Supervisor:
                 self._child.pipe.send(math.inf)
 
     def close(self) -> None:
-        """End the process; may be called twice."""
-        with suppress(OSError):
-            self._child.pipe.send(_DONE)
-        self._child.end(2.0)
+        """End the process, but for one that has taken over; may be called twice."""
+        if self._took_over:
+            self._child.process.join(_LEAVES_S)
+        else:
+            with suppress(OSError):
+                self._child.pipe.send(_DONE)
+            self._child.end(_LEAVES_S)
         self._child.pipe.close()
 
     def beat(self) -> None:
@@ -142,6 +146,7 @@ class Supervisor:
 
     def take_over(self) -> None:
         """Have it switch the drive off for as long as that takes; one that is still to come up, then."""
+        self._took_over = True
         with suppress(OSError):
             self._child.pipe.send(_OFF)
 

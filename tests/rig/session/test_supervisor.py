@@ -168,6 +168,24 @@ def test_a_bench_that_it_tries_to_switch_off_is_refused_with_its_number(
     lock("generator", "here").close()
 
 
+class SlowlyMade(FarGenerator):
+    """Takes longer to load than a run waits for its supervisor to end."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        time.sleep(3.0)
+
+
+def test_one_that_has_taken_over_is_not_ended_before_it_has_begun(tmp_path: Path) -> None:
+    (tmp_path / "there").touch()
+    supervisor = Supervisor(partial(SlowlyMade, tmp_path))
+    supervisor.launch()
+    supervisor.take_over()
+    supervisor.close()
+    await_true("switched off", (tmp_path / "off").exists)
+    supervisor._child.process.join()
+
+
 def test_an_emulated_drive_is_not_waited_for(launched: Callable[..., Supervisor]) -> None:
     with launched(emulated=True) as supervisor:
         supervisor.beat()
