@@ -360,17 +360,16 @@ class DrivenRig:
         telling = threading.Thread(
             target=self._tell_of_stop, args=(sys.exc_info()[1], faults), name="stopping", daemon=True
         )
-        try:  # nothing that goes wrong with a log, and no one who waits, may keep the drive on
-            if not self._rests:
-                with suppress(RuntimeError):  # a machine that starts none more: told below
-                    telling.start()
-            self._bring_to_rest(self.motion.cut if self._at_once else self.motion.off)
-        finally:
-            self.watch.excuse(JOIN_S)
-            if telling.ident is not None:
-                telling.join(JOIN_S)
-            elif not self._rests:
-                telling.run()
+        # nothing that goes wrong with a log, and no one who waits, may keep the drive on
+        if not self._rests:
+            with suppress(RuntimeError):  # a machine that starts none more: told below
+                telling.start()
+        self._bring_to_rest(self.motion.cut if self._at_once else self.motion.off)
+        self.watch.excuse(JOIN_S)
+        if telling.ident is not None:
+            telling.join(JOIN_S)
+        elif not self._rests:
+            telling.run()
         if faults:
             raise faults[0]
 

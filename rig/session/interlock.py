@@ -323,9 +323,8 @@ class SpeedGuard:
         return self._wanted_rad_s is not None
 
     def disarm(self) -> None:
-        """Let it do what it likes: the drive is about to change its speed."""
-        with self._lock:
-            self._wanted_rad_s = None
+        """Let it do what it likes: the drive is about to change its speed. Waits for nobody."""
+        self._wanted_rad_s = None
 
     def check(self) -> None:
         if self.tripped is not None:

@@ -336,6 +336,30 @@ def test_whoever_takes_long_to_hear_of_a_stop_delays_no_off(tmp_path: Path) -> N
     assert (bench.generator.off_s or np.inf) - began_s < 1.0
 
 
+def test_an_off_that_fails_is_answered_before_whoever_takes_long_to_hear_of_the_stop(tmp_path: Path) -> None:
+    bench, answered = Bench(tmp_path, None), threading.Event()
+    bench.generator._fails_at = "off"
+
+    def spare() -> RecordingGenerator:
+        answered.set()
+        return RecordingGenerator()
+
+    bench.rig.devices = replace(bench.rig.devices, spare=spare)
+    in_time = list[bool]()
+
+    def waits(record: object) -> None:
+        if getattr(record, "code", "") == STOPPING:
+            in_time.append(answered.wait(1.0))
+
+    def during(rig: DrivenRig) -> None:
+        rig.stream.append(waits)
+        raise ZeroDivisionError("a fault")
+
+    ended(bench, ZeroDivisionError, "a fault", during)
+    await_true("told", lambda: in_time)
+    assert in_time == [True]
+
+
 def test_a_drive_that_does_not_go_off_stands_in_the_log(tmp_path: Path) -> None:
     bench = Bench(tmp_path, None)
     bench.generator._fails_at = "off"

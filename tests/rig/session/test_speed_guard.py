@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 
 import pytest
 
@@ -27,6 +28,16 @@ def armed() -> SpeedGuard:
     guard = SpeedGuard(SteppedClock())
     guard.arm(WANTED)
     return guard
+
+
+def test_a_stop_does_not_wait_for_who_hangs_while_it_looks_at_the_speed() -> None:
+    guard = armed()
+    stopping = threading.Thread(target=guard.disarm)
+    with guard._lock:
+        stopping.start()
+        stopping.join(1.0)
+        assert not guard.armed
+    stopping.join()
 
 
 @pytest.mark.parametrize("factor", [1 + 1.01 * OFF_SHARE, 1 - 1.01 * OFF_SHARE, 0.0, -1.0])
