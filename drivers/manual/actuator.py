@@ -7,7 +7,7 @@ import sys
 import threading
 from contextlib import suppress
 
-from daq.errors import DeviceLost, InstrumentAbsent, InstrumentSilent
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.manual.settings import ManualSettings
 
 _ANSWER_S = 2.0
@@ -20,14 +20,15 @@ STOP = "BY HAND NOW: bring the rig to rest, and switch off what drives it"
 class ManualActuator:
     """An `Actuator` whose safe state is a person's doing: `off` asks for it and cannot see it.
 
-    It does so once after anything was asked for, and with `off_first`, a supervisor's, once in any case.
+    It does so once after anything was asked for, and with `off_first`, a supervisor's, once in any case; that
+    one raises then, for nothing shows it that the rig rests.
 
     A person reads what is asked on standard error, by threads of its own, for a terminal may hang; an
     emulated one gets it as a line of a word and numbers in SI over a socket, and answers ok. For any thread.
     """
 
     def __init__(self, settings: ManualSettings, off_first: bool = False) -> None:
-        self.settings, self._moves = settings, off_first
+        self.settings, self._moves, self._unseen = settings, off_first, off_first
         self._saying: threading.Thread | None = None
         self.name = settings.name
         self.address = settings.person or "the rig"
@@ -58,6 +59,9 @@ class ManualActuator:
         if self._moves:
             self.ask(STOP, REST)
             self._moves = False
+        if self._unseen:
+            what = "rest was asked for, and nothing shows that it came"
+            raise InstrumentRefused(self.name, self.address, what, "the rig itself: STOP IT BY HAND")
 
     def ask(self, words: str, *order: object) -> None:
         """Ask a person for it in words, an emulated one by an order."""

@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 
 import pytest
 
-from daq.errors import DeviceLost, InstrumentAbsent, InstrumentSilent
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.manual.actuator import STOP, ManualActuator
 from drivers.manual.emulator.person import EmulatedPerson, shaken, start_person, turned
 from drivers.manual.settings import ManualMotorSettings
@@ -46,9 +46,10 @@ def test_an_emulated_person_is_not_quite_right_and_corrects_it(
     assert outputs.recv().target == pytest.approx(20.6 * 20.0 / 20.4)
     hand.ask("nothing is seen", "shows", math.nan)
     assert outputs.recv().target == pytest.approx(20.6 * 20.0 / 20.4)
-    spare.off()  # by a connection of its own
+    for _ in range(2):
+        with pytest.raises(InstrumentRefused, match="nothing shows that it came"):
+            spare.off()  # by a connection of its own
     assert outputs.recv().target == 0.0
-    spare.off()
     for each in (hand, spare, spare):
         each.close()
     hand.off()  # a closed one asks nobody, and is no error

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +16,12 @@ from daq.errors import InstrumentRefused, InterlockTripped
 from drivers.manual.actuator import ManualActuator
 from drivers.manual.settings import ManualMotorSettings
 from rig.session.by_hand import HELD_S, REST_S, ByHand, ShaftSeen, SineSeen
-from rig.session.drive import Motion
+from rig.session.drive import Motion, drive_off_after
 from rig.session.interlock import ForceWatch
 from rig.session.shaft_speed import ShaftSpeed
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.model import SineDrive
+from tests.rig.session.fakes import silent_screen
 from tests.rig.session.shafts import SteppedClock
 
 RPM = math.tau / 60.0
@@ -150,6 +153,22 @@ def test_rest_that_is_not_seen_is_no_rest(alive: bool, match: str) -> None:
         motion.off()
     assert person.clock.now_s - began_s == pytest.approx(REST_S, abs=0.1)
     assert motion.longest_stop_s > REST_S
+
+
+def test_what_is_asked_of_a_person_once_more_is_not_off_by_that() -> None:
+    person, screen, told = Person(SteppedClock(), lambda order, rpm: 200.0), silent_screen(), list[str]()
+    motion: Any = by_hand(person)
+    motion.start(soft=True)
+    motion.close = person.close
+    spare = partial(ManualActuator, SETTINGS, off_first=True)
+    with (
+        pytest.raises(InstrumentRefused, match="not seen at rest") as ending,
+        drive_off_after(motion, spare, screen, moved="the drive", not_off=told.append),
+    ):
+        pass
+    assert ending.value.__notes__ == ["THE DRIVE MAY STILL BE ON: switch it off by hand"]
+    assert len(told) == 1
+    assert "MAY STILL BE ON" in screen.console.export_text()
 
 
 def test_a_shaft_whose_marker_is_lost_at_speed_is_not_at_rest() -> None:
