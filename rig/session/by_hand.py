@@ -56,7 +56,7 @@ class Seen(Protocol):
 
     @property
     def rests(self) -> bool | None:
-        """Whether nothing is seen of it; None where nothing shows it at all."""
+        """Whether nothing is seen of it; None where the same is seen of an instrument whose cable is off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,7 @@ class ShaftSeen:
 
     @property
     def rests(self) -> bool | None:
-        rpm = abs(self.measured_rpm())
-        return None if math.isnan(rpm) else rpm <= STANDS_RPM
+        return False if abs(self.measured_rpm()) > STANDS_RPM else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +109,8 @@ class SineSeen:
 
     def told(self) -> str:
         unit = self.force.channel.unit
+        if not self.force.shows:
+            return f"{self.force.channel.name} shows no number"
         return f"{self.force.frequency_hz:.5g} Hz, {self.force.amplitude:.3g} {unit} peak"
 
     def is_set(self, drive: SineDrive) -> bool:
@@ -124,7 +125,7 @@ class SineSeen:
 
     @property
     def rests(self) -> bool | None:
-        return self.force.strength <= _FAINT * self.force.highest
+        return self.force.shows and self.force.strength <= _FAINT * self.force.highest
 
 
 class ByHand:
@@ -148,7 +149,7 @@ class ByHand:
         self._too_much = Debounced(OVERSPEED_S)
         self._asked_to_rest = threading.Lock()  # held from then on: once is enough
         self._rests = self._moved = False
-        self._shown_s: float | None = None  # when it was last measured since rest was asked for
+        self._shown_s: float | None = None  # when it was last seen to move since rest was asked for
         self._notices: list[Notice] = []
 
     @property
@@ -203,10 +204,9 @@ class ByHand:
         self._rests = True  # seen once is enough too: what measures it may be gone by the next look
 
     def _stands(self) -> bool:
-        """A marker shows no slow shaft, and none at all once its cable is off.
+        """A marker shows no slow shaft, nor does it or an angle show one that turns once its cable is off.
 
-        So nothing measured is rest only where something was since it was asked for, and no mark comes any
-        more.
+        So no speed is rest only where one was seen since rest was asked for, and no mark comes any more.
         """
         now_s = self._clock.monotonic_s()
         if (rests := self._seen.rests) is not None:

@@ -136,6 +136,7 @@ class ForceWatch:
         self._lines = int(max(_DRIVEN_HZ, 5 * frequency_hz) * self._lately / sample_rate) + 1
         self.amplitude = self.other = self._mean = self._blind = 0.0
         self._beyond = False
+        self._sound = 0  # samples since it was blind
         self.frequency_hz = math.nan
         self._phasor = 0j
         self._advances = deque[tuple[float, int]](maxlen=_FREQUENCY_BLOCKS)  # rad too far, samples
@@ -145,8 +146,14 @@ class ForceWatch:
         """Of a sine as strong as all that moves."""
         return math.hypot(self.amplitude, self.other)
 
+    @property
+    def shows(self) -> bool:
+        """Whether the sensor has shown all that is looked over."""
+        return self._sound >= len(self._values)
+
     def take(self, values: NDArray[np.floating], flags: Flag = Flag.GOOD) -> str:
         """Take the next samples, shape (n,), and what is said of them; what is wrong, newly."""
+        self._sound = 0 if flags & BLIND else self._sound + len(values)
         blind, count = self._blind, len(self._values)
         more = len(values) if flags & BLIND else -len(values) / 2
         self._blind = min(max(blind + more, 0.0), count)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daq.block import Flag
 from daq.channel import Channel
 from daq.errors import InstrumentRefused, InterlockTripped
 from drivers.manual.actuator import ManualActuator
@@ -181,6 +182,23 @@ def test_a_shaft_whose_marker_is_lost_at_speed_is_not_at_rest() -> None:
         motion.off()
 
 
+def test_a_shaft_whose_angle_is_lost_at_speed_is_not_at_rest() -> None:
+    """Its counter stands as it does of a shaft that has stopped."""
+    motion = by_hand(Person(SteppedClock(), does_it))
+    motion.start(soft=True)
+    motion.seen = ShaftSeen(lambda: 0.0, 300.0)
+    with pytest.raises(InstrumentRefused, match=r"not seen at rest \(0 rpm\).*STOP IT BY HAND"):
+        motion.off()
+
+
+def test_a_shaft_whose_angle_was_seen_to_stop_is_at_rest() -> None:
+    person = Person(SteppedClock(), does_it)
+    motion = by_hand(person)
+    motion.start(soft=True)
+    motion.seen = ShaftSeen(lambda: float(np.nan_to_num(person.measured_rpm())), 300.0)
+    motion.off()
+
+
 @pytest.mark.parametrize("ramp_s", [0.5, 1.0, 3.0, 8.0])
 def test_a_shaft_that_stops_is_at_rest_by_its_marker_however_fast_it_stops(ramp_s: float) -> None:
     """By the card's own reading of the marks, of a shaft at 200 rpm that a person stops evenly."""
@@ -233,6 +251,8 @@ def test_a_sine_that_is_set_is_seen_in_frequency_and_amplitude(frequency_hz: flo
     watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, 60.0)
     seen, drive = SineSeen(watch), SineDrive(3.0, 20.0)
     assert not seen.is_set(drive)
+    assert not seen.rests
+    watch.take(np.zeros(len(watch._values)))
     assert seen.rests
     at_s = np.arange(2 * int(RATE)) / RATE
     force = 3.0 * np.sin(2 * np.pi * frequency_hz * at_s) + 0.4 * np.sin(6 * np.pi * frequency_hz * at_s)
@@ -246,3 +266,17 @@ def test_a_sine_that_is_set_is_seen_in_frequency_and_amplitude(frequency_hz: flo
     assert not seen.rests
     assert seen.order(drive) == (20.0, 3.0)
     assert "set the drive to 20 Hz and turn it up to 3 N peak" in seen.words(drive)
+
+
+@pytest.mark.parametrize("value", [math.nan, 0.0, 9.99])
+def test_a_force_whose_sensor_is_blind_is_not_at_rest(value: float) -> None:
+    """Its cable is off: nothing, or whatever its input shows then."""
+    watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, 60.0)
+    seen, window = SineSeen(watch), round(watch.over_s * RATE)
+    watch.take(np.full(3 * window, value), Flag.OPEN_SENSOR)
+    assert not seen.rests
+    assert seen.told() == "drive.force shows no number"
+    watch.take(np.zeros(window - 1))
+    assert not seen.rests
+    watch.take(np.zeros(1))
+    assert seen.rests
