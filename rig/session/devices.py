@@ -117,7 +117,7 @@ def connected(
         devices.open()
     if devices.latch is not None and (seen := devices.latch.told()):
         asks = f"{seen}. Enter once nobody is in danger and it may start again: "
-        screen.confirm(asks, lambda: stop.wanted)
+        screen.confirm(asks, lambda: stop.wanted, at_terminal=True)
         stop.check()
         devices.latch.set("")
     stack.enter_context(drive_off_after(devices.actuator, devices.spare, screen))

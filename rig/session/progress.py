@@ -223,11 +223,14 @@ class Screen:
 
         return pressed
 
-    def confirm(self, text: str, ended: Callable[[], bool] | None = None) -> None:
+    def confirm(self, text: str, ended: Callable[[], bool] | None = None, at_terminal: bool = False) -> None:
         """Wait for Enter, or until `ended`; raises RattleError where nobody can press it.
 
-        What was typed at a terminal before it was asked is no answer.
+        What was typed at a terminal before it was asked is no answer, nor is, where a person has to be
+        `at_terminal`, a line by a pipe: it may be meant for somebody else.
         """
+        if at_terminal and not (sys.stdin is not None and sys.stdin.isatty()):
+            raise RattleError(f"{text}nobody is there to confirm it (standard input is no terminal)")
         while sys.stdin is not None and sys.stdin.isatty() and _typed():
             pass
         try:

@@ -137,7 +137,8 @@ class Sweeping:
                     if self._request.rehearsal:
                         self._screen.say(f"by hand    {move} (rehearsal: taken as done)")
                     else:
-                        self._screen.confirm(f"by hand    {move}: {move.by_hand}. Enter when it is done: ")
+                        asks = f"by hand    {move}: {move.by_hand}. Enter when it is done: "
+                        self._screen.confirm(asks, at_terminal=not self._bench.actuator.emulated)
                     # a move by hand also ends what centring found
                     hands = {**self._state.by_hand, axis.key: value}
                     self._keep(dataclasses.replace(self._state, by_hand=hands, centre=None))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -80,6 +81,27 @@ def stopping_s(log: Path) -> float:
     return told[STOPPING].time_ns / NS_PER_S
 
 
+def at_terminal(*arguments: object) -> tuple[int, str]:
+    """Exit code and output of a command whose person presses Enter, again and again."""
+    ours, theirs = pty.openpty()
+    with (
+        open(ours, "wb", buffering=0) as typed,
+        subprocess.Popen(  # noqa: S603
+            [sys.executable, "-m", "rig.start", *map(str, arguments)],
+            cwd=ROOT,
+            stdin=theirs,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        ) as person,
+    ):
+        os.close(theirs)
+        while person.poll() is None:
+            typed.write(b"\n")
+            time.sleep(0.2)
+        return person.returncode, person.communicate()[0]
+
+
 def test_it_ends_the_run_and_the_next_wants_the_line_and_a_person(
     bench: StoppedBench, tmp_path: Path
 ) -> None:
@@ -104,23 +126,14 @@ def test_it_ends_the_run_and_the_next_wants_the_line_and_a_person(
     # what is latched is the generator, for whoever comes to it by whatever bench file
     other = tmp_path / "other.toml"
     other.write_text(bench.file.read_text().partition("[emergency_stop]")[0])
-    unconfirmed = rattle("run", scenario, "--bench", other, "--out", tmp_path)
+    unconfirmed = rattle("run", scenario, "--bench", other, "--out", tmp_path, typed="\n")
     assert unconfirmed.code == 1
     assert "nobody is there to confirm" in unconfirmed.err
     assert not any(settings.on for settings in bench.spy.heard[moved:])
     short = write_scenario(tmp_path / "short.toml", settle_s=0.1, duration_s=0.2)
-    confirmed = subprocess.run(  # noqa: S603
-        [sys.executable, "-m", "rig.start", "run", short, *arguments[2:]],
-        cwd=ROOT,
-        input="\n",
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert confirmed.returncode == 0, confirmed.stderr
-    assert "ended a run: its line is open. Enter once nobody is in danger" in " ".join(
-        confirmed.stdout.split()
-    )
+    code, out = at_terminal("run", short, *arguments[2:])
+    assert code == 0, out
+    assert "ended a run: its line is open. Enter once nobody is in danger" in " ".join(out.split())
 
 
 def test_a_frozen_run_is_switched_off_by_the_supervisor_as_soon(

@@ -100,6 +100,17 @@ def test_what_is_to_be_confirmed_does_not_outlast_a_signal(how: str, monkeypatch
         screen.confirm("Enter once nobody is in danger: ", lambda: how == "a signal")
 
 
+def test_a_line_by_a_pipe_is_no_person(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be the next name of a loop that reads them."""
+    reading, writing = os.pipe()
+    with open(reading) as there, open(writing, "wb", buffering=0) as typed:
+        monkeypatch.setattr("sys.stdin", there)
+        typed.write(b"next.toml\n")
+        with pytest.raises(RattleError, match=r"once nobody is in danger: nobody is there .*no terminal"):
+            Screen(Console(file=StringIO())).confirm("Enter once nobody is in danger: ", at_terminal=True)
+        assert there.readline() == "next.toml\n"
+
+
 def test_what_was_typed_before_a_question_is_no_answer_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
     ours, theirs = pty.openpty()
     with open(theirs, encoding="ascii") as stdin, open(ours, "wb", buffering=0) as typed:

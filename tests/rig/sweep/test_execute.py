@@ -267,6 +267,18 @@ def test_nothing_moves_where_nobody_confirms(trial: Trial, monkeypatch: pytest.M
     assert (trial.folder / FILE).is_file()
 
 
+def test_a_move_on_a_real_rig_is_confirmed_at_a_terminal_alone(
+    trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = dataclasses.replace(trial.bench.actuator, emulated=False)
+    instruments = {**trial.bench.instruments, trial.bench.actuator_table: real}
+    trial.bench = dataclasses.replace(trial.bench, instruments=instruments)
+    person, runs = Terminal(trial, monkeypatch), Runs()
+    with pytest.raises(RattleError, match=r"by hand .* nobody is there to confirm it .*no terminal"):
+        trial.call(runs, rehearsal=False)
+    assert person.asked == runs.asked == []
+
+
 def test_every_point_is_shown_in_the_view_and_predicted_by_the_model(trial: Trial) -> None:
     shown: list[Swept] = []
     trial.view = cast(LiveView, SimpleNamespace(offer=shown.append))
