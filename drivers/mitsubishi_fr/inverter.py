@@ -94,6 +94,7 @@ class FrInverter:
             session.end()
 
     def arm(self, rpm: float) -> float:
+        self._attend().motor.orders.stopped = False
         return self.set_speed(rpm)
 
     def set_speed(self, rpm: float) -> float:
@@ -112,9 +113,9 @@ class FrInverter:
     def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
         """Stop in category 1; see `SpeedDrive.stop`. Does so also after an error."""
         # Not through `_attend`: a stop must go out after an error as well, which that would raise instead.
-        if self._open is None or not self._open.motor.orders.may_turn:
+        if (session := self._stopping()) is None:
             return
-        session, per_hz = self._open, self.settings.rpm_per_hz
+        per_hz = self.settings.rpm_per_hz
         session.poller.attended_s = self._clock.monotonic_s()  # a stop shows too that somebody looks
         # Asked in the loop's thread with each look: `measured_rpm` must not wait.
         measured_hz = None if measured_rpm is None else lambda: measured_rpm() / per_hz
@@ -122,8 +123,8 @@ class FrInverter:
 
     def cut(self) -> None:
         """Withdraw run at once; see `SpeedDrive.cut`."""
-        if self._open is not None and self._open.motor.orders.may_turn:
-            self._open.run_stop(self._open.poller.cut())
+        if (session := self._stopping()) is not None:
+            session.run_stop(session.poller.cut())
 
     def read(self) -> MotorState:
         session = self._attend()
@@ -138,6 +139,13 @@ class FrInverter:
 
     def take_notices(self) -> tuple[Notice, ...]:
         return self._notices.take()
+
+    def _stopping(self) -> _Open | None:
+        """What has to stop, if anything may turn; nothing starts from now on until it is armed anew."""
+        if (session := self._open) is None:
+            return None
+        session.motor.orders.stopped = True
+        return session if session.motor.orders.may_turn else None
 
     def _attend(self) -> _Open:
         if self._open is None:

@@ -41,7 +41,7 @@ class Orders:
 
     `ran`: it was told to run, and has not been seen to run no more. `taken`: network operation was chosen, so
     the motor may turn because of us. `under_way` orders are being given, `given` and `stops` count those that
-    were.
+    were. `stopped`: it is not to start until it is armed anew; for any thread to set.
     """
 
     target_hz: float = 0.0
@@ -52,6 +52,7 @@ class Orders:
     under_way: int = 0
     given: int = 0
     stops: int = 0
+    stopped: bool = False
 
     @property
     def may_turn(self) -> bool:
@@ -76,11 +77,12 @@ class Orders:
 class Errand:
     """An order while it is given: meanwhile, what the drive does is not yet what it was told.
 
-    `still_wanted` is asked before each message and where one is not obeyed; a stop does not ask.
+    `still_wanted` is asked before each message and where one is not obeyed; a stop does not ask. One that
+    `starts` is not wanted either where the stop has ended by then.
     """
 
-    def __init__(self, orders: Orders, is_stop: bool = False) -> None:
-        self._orders = orders
+    def __init__(self, orders: Orders, is_stop: bool = False, starts: bool = False) -> None:
+        self._orders, self._starts = orders, starts
         orders.stops += is_stop
         self._stops = orders.stops
 
@@ -94,7 +96,7 @@ class Errand:
 
     def still_wanted(self, now_s: float, expires_s: float) -> None:
         """Raise `OvertakenOrder` after a stop, or late."""
-        if self._orders.stops != self._stops:
+        if self._orders.stops != self._stops or (self._starts and self._orders.stopped):
             raise OvertakenOrder("a stop overtook it")
         if now_s > expires_s:
             raise OvertakenOrder("it came too late")
@@ -200,7 +202,7 @@ class Motor:
         return self.orders.target_hz
 
     async def run_forward(self, expires_s: float) -> None:
-        with Errand(self.orders) as errand:
+        with Errand(self.orders, starts=True) as errand:
             await self._take_over(errand, expires_s)
             # A run command is never repeated blindly: without its answer, the status is read first.
             for _ in range(2):

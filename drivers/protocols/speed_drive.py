@@ -72,7 +72,7 @@ class SpeedDrive(Instrument, Protocol):
         """Set the speed in rpm; a running motor goes there on its ramp. Returns it as the drive keeps it."""
 
     def start(self) -> None:
-        """Run forward, up to the set speed on the ramp."""
+        """Run forward, up to the set speed on the ramp; refused where it was stopped since it was armed."""
 
     def stop(self, measured_rpm: Callable[[], float] | None = None) -> None:
         """Stop in category 1: ramp to zero, see that it stands, run withdrawn; no error where it stands.

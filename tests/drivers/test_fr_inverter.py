@@ -160,6 +160,22 @@ def test_a_stop_that_its_caller_cannot_wait_for_goes_on(
         assert not inverter.read().running
 
 
+@pytest.mark.parametrize("stop", [FrInverter.stop, FrInverter.cut])
+def test_what_was_stopped_before_it_started_starts_once_it_is_armed_anew(
+    bench: tuple[EmulatedInstrument, Ends], stop: Callable[[FrInverter], None]
+) -> None:
+    with opened(settings_for(bench[0].address)) as inverter:
+        inverter.arm(200.0)
+        stop(inverter)
+        with pytest.raises(InstrumentRefused, match="not done: a stop overtook it"):
+            inverter.start()
+        assert not inverter.read().running
+        inverter.arm(200.0)
+        inverter.start()
+        assert inverter.read().running
+        inverter.stop()
+
+
 def test_it_is_a_speed_drive(bench: tuple[EmulatedInstrument, Ends]) -> None:
     drive: SpeedDrive = FrInverter(settings_for(bench[0].address))
     assert drive.state is None
