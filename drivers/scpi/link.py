@@ -25,6 +25,9 @@ LONGEST_ANSWER = 4096  # bytes
 QUIET_S = 0.1  # an instrument that says nothing for this long has nothing left to say
 DRAIN_S = 2.0
 
+_FOREIGN = (pyvisa.Error, OSError, rpc.RPCError, EOFError)
+"""What a link raises; the last two by VXI-11, where a reply is not as it should be."""
+
 wait_steadily(pyvisa_py.sessions, pyvisa_py.tcpip, rpc)
 
 
@@ -71,7 +74,7 @@ class ScpiLink:
                 self._drain(self._visa)
                 self._visa.write("")  # ends a command that an earlier client left without its line end
                 self._drain(self._visa)
-        except (OSError, ValueError, pyvisa.Error) as error:
+        except (ValueError, *_FOREIGN) as error:
             self.close()
             raise self._absent(error.what if isinstance(error, DeviceLost) else str(error)) from error
 
@@ -79,7 +82,7 @@ class ScpiLink:
         """Hang up. Never raises."""
         if self._visa is not None:
             visa, self._visa = self._visa, None
-            with suppress(pyvisa.Error, OSError):
+            with suppress(*_FOREIGN):
                 visa.close()
 
     def hurry(self, timeout_s: float) -> None:
@@ -149,7 +152,7 @@ class ScpiLink:
             ) from error
         except InstrumentError:
             raise
-        except (pyvisa.Error, OSError) as error:
+        except _FOREIGN as error:
             raise self._lost(str(error)) from error
         finally:
             self._turn.release()

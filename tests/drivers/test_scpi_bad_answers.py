@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
+from pyvisa_py.protocols import rpc
 
 from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
@@ -189,6 +193,19 @@ def test_a_late_answer_is_not_taken_for_the_next_whoever_asks_between() -> None:
             assert link.query("C?") == "c"
         finally:
             link.close()
+
+
+@pytest.mark.parametrize("error", [rpc.RPCUnpackError("no reply but 7"), EOFError("no reply but 7")])
+def test_a_reply_over_vxi_11_that_is_none_is_a_lost_device(error: Exception) -> None:
+    def garbled(*_: object) -> None:
+        raise error
+
+    visa: Any = SimpleNamespace(visalib=None, session=0, write=garbled, close=garbled)
+    link = ScpiLink("generator", "TCPIP::192.168.0.5::INSTR")
+    link._visa = visa
+    with pytest.raises(DeviceLost, match=r"the connection is lost \(no reply but 7\)"):
+        link.write("OUTP OFF")
+    link.close()
 
 
 def test_an_output_that_does_not_keep_off_is_told() -> None:
