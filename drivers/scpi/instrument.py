@@ -10,7 +10,7 @@ from functools import partial
 from itertools import cycle
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
-from drivers.scpi.language import MOVING_S, OUTPUT_OFF, Choice, Number, error_in
+from drivers.scpi.language import IDENTITY, MOVING_S, OUTPUT_OFF, Choice, Number, error_in
 
 LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
 
@@ -47,7 +47,7 @@ class ScpiSource:
         if self._off_first:
             return
         try:
-            self.identity = self._link.query("*IDN?")
+            self.identity = self._link.query(IDENTITY)
             if other := self.known(self.identity):
                 raise InstrumentAbsent(
                     self.name,
@@ -55,6 +55,7 @@ class ScpiSource:
                     f"{self.identity[:200]!r} answers, which is no {other}",
                     "the resource string in the bench file",
                 )
+            self._link.identity = self.identity
             self._refuse_driving()
             self._link.write("*CLS")
             self._errors()

@@ -16,6 +16,7 @@ from daq.quantity import Check, Text
 _LOOPBACK = ("TCPIP::127.0.0.1::", "TCPIP0::127.0.0.1::", "TCPIP::localhost::", "ASRL")
 MOVING_S = 0.5
 """While it drives, a longer silence is a lost link, and a later order to begin one that nobody guards."""
+IDENTITY = "*IDN?"
 INFINITY = 9.9e37  # SCPI-1999 volume 1, 7.2.1.4: how infinity is written
 _NUMBER = re.compile(r"[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,3})?")
 _ERROR = re.compile(r'([+-]?\d{1,6})\s*(?:,\s*"?([^"]{0,300}).*)?', re.DOTALL)

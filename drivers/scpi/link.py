@@ -20,6 +20,7 @@ from pyvisa_py.protocols import rpc
 
 from daq.clock import wait_steadily
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentRefused, InstrumentSilent
+from drivers.scpi.language import IDENTITY
 
 LONGEST_ANSWER = 4096  # bytes
 QUIET_S = 0.1  # an instrument that says nothing for this long has nothing left to say
@@ -35,13 +36,14 @@ class ScpiLink:
     """One instrument at a VISA resource string, e.g. `TCPIP::192.168.0.5::5025::SOCKET`.
 
     Every answer is awaited for `timeout_s` at most and may be 4096 bytes long. For any thread: a question and
-    its answer are not parted.
+    its answer are not parted. Once it is known who answers, `identity`, no late answer is taken for another.
     """
 
     def __init__(self, instrument: str, resource: str, timeout_s: float = 2.0) -> None:
         self.instrument, self.resource, self.timeout_s = instrument, resource, timeout_s
         self._visa: MessageBasedResource | None = None
         self._answer_pending = False
+        self.identity = ""
         self._turn = threading.RLock()
 
     @property
@@ -107,14 +109,30 @@ class ScpiLink:
         with self._translated(command) as visa:
             if self._answer_pending:  # the last query timed out or was interrupted; its answer may be late
                 self._drain(visa)
+                if self.identity:
+                    self._await_identity(visa)
             self._answer_pending = True
             visa.write(command)
-            answer = visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
-            self._answer_pending = not answer.endswith(b"\n")
-            if self._answer_pending:
-                what = f"its answer to {command} is longer than {LONGEST_ANSWER} bytes"
-                raise InstrumentRefused(self.instrument, self.resource, what, "that it is a SCPI instrument")
+            return self._answer(visa, command)
+
+    def _answer(self, visa: MessageBasedResource, command: str) -> str:
+        answer = visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
+        self._answer_pending = not answer.endswith(b"\n")
+        if self._answer_pending:
+            what = f"its answer to {command} is longer than {LONGEST_ANSWER} bytes"
+            raise InstrumentRefused(self.instrument, self.resource, what, "that it is a SCPI instrument")
         return answer.decode("ascii", errors="replace").strip()
+
+    def _await_identity(self, visa: MessageBasedResource) -> None:
+        """Answers keep their order: after this one no answer to an earlier question can come."""
+        deadline = time.monotonic() + DRAIN_S
+        self._answer_pending = True
+        visa.write(IDENTITY)
+        while self._answer(visa, IDENTITY) != self.identity:
+            self._answer_pending = True
+            if time.monotonic() > deadline:
+                what = f"no answer to {IDENTITY} among others"
+                raise InstrumentSilent(self.instrument, self.resource, what, "who else asks it")
 
     def _drain(self, visa: MessageBasedResource) -> None:
         deadline = time.monotonic() + DRAIN_S

@@ -163,6 +163,32 @@ def test_a_late_answer_is_not_taken_for_the_next() -> None:
         driver.close()
 
 
+def test_no_late_answer_passes_for_an_output_that_is_off() -> None:
+    """It comes with the answer to whatever is asked next, long after the question that it is one to."""
+    late = [b"0\n", b""]
+
+    class Stuck(Echo):
+        def __call__(self, line: str) -> bytes | None:
+            if line == "OUTP?" and "FREQ" in self.kept:
+                return b"".join(late) + b"1\n"
+            if line == "SYST:ERR?" and self.kept.get("FREQ") == "21":
+                return late.pop()
+            if line == "*IDN?" and "FREQ" in self.kept:
+                return late.pop() + (super().__call__(line) or b"")
+            return super().__call__(line)
+
+    with ScriptedInstrument(Stuck({})) as instrument:
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=instrument.resource, timeout_s=0.4))
+        driver.open()
+        driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
+        with pytest.raises(InstrumentSilent, match="SYST:ERR"):
+            driver.set_frequency(21.0)
+        with pytest.raises(InstrumentRefused, match="the output does not go off, it answers '1'"):
+            driver.off()
+        assert "OUTP OFF" in instrument.lines[-4:]
+        driver.close()
+
+
 def test_a_late_answer_is_not_taken_for_the_next_whoever_asks_between() -> None:
     """Sequence and guard share a link: what one found says nothing of the other's question."""
     answers = {"A?": b"a\n", "B?": b"", "X": b"late\n", "C?": b"c\n"}
