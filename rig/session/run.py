@@ -255,14 +255,13 @@ class _Run:
             self._frequency = FrequencyCheck(*held)
 
     def execute(self, stack: ExitStack) -> Path:
-        """Arm, warm up the twin, move and record, finish the prediction; returns the log's path."""
+        """Warm up the twin, arm, move and record, finish the prediction; returns the log's path."""
         rig, wanted, model = self._rig, self._scenario.acquisition, self._request.model
         twin = self._matched()
         shown = twin.model.channels.drive
         if shown in rig.names and not self._request.bench.unseen:
             rig.hold_force(shown, self._scenario.drive.frequency, twin, self._request.path)
         rig.launch(stack)
-        rig.motion.arm(starts_softly(wanted), self._request.path)
         look_at = "the amplifier on" if rig.motion.speed_rad_s is None else "its sensor on, the speed right"
         beside = [ENCODER_ANGLE.name] if ENCODER_ANGLE.name in twin.sensors else []
         crew = None if self._request.standing is None else self._request.standing.crew
@@ -295,6 +294,8 @@ class _Run:
         with rig.screen.busy("warming up the twin", work, "" if emulated or stands else FIRST_START):
             feed.worker.wait_ready(self._stop.check)
             derivation.wait_ready(self._stop.check)
+        # not before: an output that waits for its trigger is on, and nobody looks while a twin warms up
+        rig.motion.arm(starts_softly(wanted), self._request.path)
         log = rig.open_log(stack, self._request.folder, self._scenario.name)
         derived = derived_channels(origins, self._scenario)
         counted = self._request.counted

@@ -250,6 +250,22 @@ def test_ctrl_c_while_it_moves_stops_it(moved: tuple[Rig, Moves], monkeypatch: p
     assert {"run.interrupted", "drive.stopping"} <= set(rig.events())
 
 
+def test_nothing_is_armed_while_the_twin_warms_up(
+    moved: tuple[Rig, Moves], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody looks at the emergency stop by then."""
+    rig, moves = moved
+    armed: list[bool] = []
+
+    def warm_up(_: Idle, check: Callable[[], None]) -> None:
+        armed.append(bool({"arm_sine", "set_speed"} & set(rig.told())))
+
+    monkeypatch.setattr(Idle, "wait_ready", warm_up)
+    monkeypatch.setattr(rig.stopper, "start", lambda: signal.raise_signal(signal.SIGINT))
+    ended(rig, moves, Stopped, "stopped by a person")
+    assert armed == [False, False] * (moves is run)
+
+
 def test_it_is_supervised_before_it_moves_whether_a_reading_has_come_or_not(
     moved: tuple[Rig, Moves], monkeypatch: pytest.MonkeyPatch
 ) -> None:
