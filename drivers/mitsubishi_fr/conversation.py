@@ -17,7 +17,7 @@ from drivers.mitsubishi_fr.frames import READ, WRITE, Answer, Request
 from drivers.mitsubishi_fr.line import Line, NoAnswer
 from drivers.mitsubishi_fr.registers import MARKS, Block, Register
 
-# Reads and absolute set values may be repeated, each within its deadline. Run, stop and reset go out once:
+# Reads and absolute set values may be repeated, each within its deadline. Run and stop go out once:
 # whoever gave them reads the state before giving them again.
 ATTEMPTS = 2
 MARK_ATTEMPTS = 2
@@ -88,14 +88,6 @@ class Conversation:
         except InstrumentSilent:
             return False
         return True
-
-    async def send(self, register: Register, raw: int) -> None:
-        """Write once what is never answered."""
-        async with self._turn:
-            if self._hushed:
-                raise self._silent(str(register), None)
-            self._in_doubt = True
-            await self._line.send(Request(self._station, WRITE, register.address, raw))
 
     async def _insist(self, request: Request, what: str, attempts: int, expires_s: float) -> Answer:
         """Exchange until the answer is there, `attempts` requests or twice as many marks were in vain."""

@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 from daq.clock import Clock, SystemClock
 from daq.errors import DeviceLost, EmergencyStop, InstrumentError, InstrumentRefused, InstrumentSilent
-from drivers.lock import lock
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.line import LineHealth, SerialLine
 from drivers.mitsubishi_fr.motor import Motor, OvertakenOrder
@@ -133,10 +132,6 @@ class FrInverter:
     def check(self) -> None:
         self._attend()
 
-    def fault_history(self) -> tuple[str, ...]:
-        session = self._attend()
-        return tuple(name for name in session.run(session.motor.history()) if name)
-
     def take_notices(self) -> tuple[Notice, ...]:
         return self._notices.take()
 
@@ -155,18 +150,6 @@ class FrInverter:
         if self._open.poller.error is not None:
             raise self._open.poller.error
         return self._open
-
-
-def reset_tripped(settings: InverterSettings) -> None:
-    """Reset a drive that has tripped; only for a person who has looked at the cause. It must stand."""
-    clock = SystemClock()
-    with lock(settings.name, settings.port):
-        session = _Open(settings, clock, Notices(clock))
-        try:
-            session.run(session.line.open())
-            session.run(session.motor.reset())
-        finally:
-            session.end()
 
 
 class _Open:

@@ -72,9 +72,6 @@ class Line(Protocol):
     async def ask(self, request: Request) -> Answer:
         """Send once and return the answer. Raises `NoAnswer`, `DeviceLost`."""
 
-    async def send(self, request: Request) -> None:
-        """Send what is never answered. Raises `DeviceLost`."""
-
 
 class SerialLine:
     """A `Line` on a port that whoever opens it has locked. Not safe for two requests at once."""
@@ -145,16 +142,6 @@ class SerialLine:
             self.health.note_failure(heard)
             raise NoAnswer(heard)
         return self._answer
-
-    async def send(self, request: Request) -> None:
-        """Send a write that is never answered."""
-        client = await self._quiet_client()
-        try:
-            await client.write_register(
-                request.address, request.content, device_id=request.station, no_response_expected=True
-            )
-        except (ModbusException, OSError) as error:
-            raise self._lost(str(error)) from error
 
     async def _quiet_client(self) -> AsyncModbusSerialClient:
         """Let what is still on its way come in, where nobody asked for it, and be dropped."""

@@ -132,7 +132,8 @@ class Motor:
         status, _ = await self._talk.read(fr.STATUS_BLOCK, self.silence_ends_s())
         fault = ""
         if status & Status.FAULT:
-            fault = (await self.history(1))[0] or "a fault that its history does not name"
+            (code,) = await self._talk.read(fr.LAST_FAULT_BLOCK, self._soon())
+            fault = fr.fault_name(code) or "a fault that its history does not name"
         frequency_hz, current_a, voltage_v = (
             register.value(raw) for register, raw in zip(fr.MONITOR_BLOCK.registers, monitor, strict=True)
         )
@@ -158,15 +159,6 @@ class Motor:
     def longest_stop_s(self, from_hz: float) -> float:
         """Return how long the ramps of a stop take at worst, in s: one down, and one each withdrawal."""
         return (1 + WITHDRAWALS) * self._longest_ramp_s(from_hz)
-
-    async def history(self, count: int = len(fr.FAULTS)) -> tuple[str, ...]:
-        """Return the names of the last faults, newest first; empty for none."""
-        codes: tuple[int, ...] = ()
-        for first in range(0, count, 4):
-            # Four at most: longer reads of the fault history are the marks of a conversation.
-            block = fr.block(fr.FAULTS[first], fr.FAULTS[min(first + 4, count) - 1])
-            codes += await self._talk.read(block, self._soon())
-        return tuple(fr.fault_name(code) for code in codes)
 
     def silence_ends_s(self) -> float:
         """When the last request must have been sent: an answer later than its own deadline is none."""
@@ -263,12 +255,6 @@ class Motor:
         with Errand(self.orders):
             await self._talk.command(fr.OPERATION_MODE, fr.CHOOSE_PANEL, self._soon())
             self.orders.taken = False
-
-    async def reset(self) -> None:
-        """Send the inverter reset, once; it is never answered (p. 201)."""
-        if (await self.look()).running:
-            raise self.refused("it runs, and a reset would let the motor coast", "that it stands")
-        await self._talk.send(fr.INVERTER_RESET, 0)
 
     async def _take_over(self, errand: Errand, expires_s: float) -> None:
         """Choose network operation, where it is not chosen."""

@@ -169,6 +169,7 @@ STATUS_BLOCK = block(STATUS_AND_COMMAND, OPERATION_MODE)
 MONITOR_BLOCK = block(OUTPUT_FREQUENCY, OUTPUT_VOLTAGE)
 SET_BLOCK = block(RUNNING_FREQUENCY)
 TERMINAL_BLOCK = block(INPUT_TERMINALS)
+LAST_FAULT_BLOCK = block(FAULTS[0])
 MARKS = tuple(block(FAULTS[0], FAULTS[last]) for last in range(4, 8))
 
 # FR-D700 manual, chapter 5, "List of fault displays" and data codes of the fault history (M).

@@ -156,11 +156,6 @@ class NiDaqCard:
             with self._translated(f"stopping {_label(counter)}"):
                 counter.stop()
 
-    @property
-    def total_acquired(self) -> int:
-        with self._translated("counting samples"):
-            return int(self._opened().stream.total_samp_per_chan_acquired)
-
     def read(self, count: int) -> CardReading:
         """Wait for the next `count` samples of every channel; see `AcquisitionCard.read`.
 

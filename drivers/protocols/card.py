@@ -64,10 +64,6 @@ class AcquisitionCard(Protocol):
     def warnings(self) -> tuple[str, ...]:
         """What the operator should know and the run may ignore, e.g. an expired calibration."""
 
-    @property
-    def total_acquired(self) -> int:
-        """Samples per channel that the device has taken since `start`, read or not."""
-
     def open(self) -> None:
         """Connect, check devices and channels, arm. Raises `InstrumentAbsent`, `InstrumentRefused`."""
 

@@ -91,9 +91,6 @@ class SpeedDrive(Instrument, Protocol):
     def check(self) -> None:
         """Raise what went wrong since it was opened; every call says that somebody looks after the motor."""
 
-    def fault_history(self) -> tuple[str, ...]:
-        """What its display showed at its last faults, newest first."""
-
     def take_notices(self) -> tuple[Notice, ...]:
         """Return what happened since the last call, oldest first; also after an error."""
 

@@ -148,9 +148,6 @@ class ScpiSupply(ScpiSource):
             case _:
                 self._watch(look)
 
-    def fault_history(self) -> tuple[str, ...]:
-        return ()
-
     def take_notices(self) -> tuple[Notice, ...]:
         return self._notices.take()
 

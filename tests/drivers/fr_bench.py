@@ -133,9 +133,6 @@ class VirtualLine:
         self.health.note_failure(what_was_heard(request, heard))
         raise NoAnswer(what_was_heard(request, heard))
 
-    async def send(self, request: Request) -> None:
-        await self._transmit(request)
-
     async def _transmit(self, request: Request) -> None:
         if self.cut:
             raise DeviceLost("inverter", "nowhere", "the connection is lost (unplugged)")

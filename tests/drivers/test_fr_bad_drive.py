@@ -150,7 +150,7 @@ def test_a_trip_is_recorded_with_code_and_time_and_never_reset() -> None:
         writes = bench.line.writes()
         assert writes[-1] == STOP  # so that a reset at the panel does not let it run
         assert fr.INVERTER_RESET.number not in [number for number, _ in writes]
-        assert (await bench.motor.history())[:2] == ("E.OC1", "")
+        assert (await bench.motor.look()).fault == "E.OC1"
 
     on_bench(work)
 
@@ -184,25 +184,6 @@ def test_a_drive_fault_in_an_answer_stops_the_motor() -> None:
         assert error.code == "04"
         await bench.wait(2.0)
         assert bench.load.at(bench.loop.time()) == 0.0
-
-    on_bench(work)
-
-
-def test_a_reset_by_a_person_is_sent_once() -> None:
-    async def work(bench: Bench) -> None:
-        bench.drive.trip(0x30)
-        await bench.motor.reset()
-        assert bench.line.writes() == [(fr.INVERTER_RESET.number, 0)]
-        assert (await bench.motor.look()).fault == ""
-
-    on_bench(work)
-
-
-def test_a_running_motor_is_not_reset() -> None:
-    async def work(bench: Bench) -> None:
-        await bench.run_at(HZ)
-        with pytest.raises(InstrumentRefused, match="a reset would let the motor coast"):
-            await bench.motor.reset()
 
     on_bench(work)
 

@@ -91,7 +91,6 @@ def test_a_card_in_a_process_of_its_own_counts_in_real_time() -> None:
         card.open()
         card.start()
         values = np.concatenate([card.read(2048).values for _ in range(5)], axis=1)
-        assert card.total_acquired >= 10240
         card.stop()
         card.close()
     n = np.rint(values[1])

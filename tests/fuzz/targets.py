@@ -271,9 +271,6 @@ class _HeardLine:
             raise NoAnswer(what_was_heard(request, heard))
         return answer
 
-    async def send(self, request: Request) -> None:
-        pass
-
 
 async def _at_once(_: float) -> None:
     pass

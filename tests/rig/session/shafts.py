@@ -117,9 +117,6 @@ class FakeDrive:
         if self.error is not None:
             raise self.error
 
-    def fault_history(self) -> tuple[str, ...]:
-        return ()
-
     def take_notices(self) -> tuple[Notice, ...]:
         notices, self.notices = tuple(self.notices), []
         return notices
