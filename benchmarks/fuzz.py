@@ -5,7 +5,7 @@ there before, or 1 s of a core for each MiB begun. All are short: a long one may
 for a recording may hold as much. An input that does is kept in tests/fuzz/corpus, where the
 tests try it from then on. Returns 1 if there is one.
 
-Usage: scripts/fuzz [TARGET ...] [--runs N] [--seconds S]
+Usage: scripts/fuzz [TARGET ...] [--runs N] [--seconds S] [--jobs N]
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import textwrap
 import time
 import traceback
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,19 @@ def figures(name: str, runs: int, seconds: int, seed: int) -> dict[str, Any]:
     return came
 
 
+def side_by_side(name: str, runs: int, seconds: int, seed: int, jobs: int) -> dict[str, Any]:
+    """What came out of `jobs` processes, each with its share of the runs."""
+    with ThreadPoolExecutor(jobs) as pool:
+        every = list(pool.map(lambda job: figures(name, runs // jobs, seconds, seed + job), range(jobs)))
+    return {
+        "runs": sum(each["runs"] for each in every),
+        "seconds": sum(each["seconds"] for each in every),
+        "bytes": max(each["bytes"] for each in every),
+        "slowest": max(each["slowest"] for each in every),
+        "failures": [failure for each in every for failure in each["failures"]],
+    }
+
+
 def row(name: str, came: dict[str, Any]) -> str:
     """A line of the table."""
     runs, seconds = came["runs"], came["seconds"]
@@ -156,6 +170,7 @@ def main() -> int:
     parser.add_argument("targets", nargs="*", metavar="TARGET")
     parser.add_argument("--runs", type=int, default=_RUNS, help="of each target")
     parser.add_argument("--seconds", type=int, default=0, help="of each target at most")
+    parser.add_argument("--jobs", type=int, default=1, help="processes for each target")
     parser.add_argument("--seed", type=int, default=1, help=argparse.SUPPRESS)
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -171,7 +186,7 @@ def main() -> int:
     for name in arguments.targets or TARGETS:
         before = rows_written().get(name, "")
         seed = 1 + int(before.split()[1]) if before else 1
-        came = figures(name, arguments.runs, arguments.seconds, seed)
+        came = side_by_side(name, arguments.runs, arguments.seconds, seed, arguments.jobs)
         failed += len(came["failures"])
         print(row(name, came), *came["failures"], sep="\n        ", flush=True)
         write_row(name, row(name, added(came, before)))
