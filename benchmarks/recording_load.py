@@ -38,7 +38,7 @@ BENCH = ROOT / "scenarios" / "sixteen_channels.bench.toml"
 SAMPLE_RATE_HZ = 51_200
 EVERY_S = 2.0
 _AN_HOUR_S, MOST_MB_AN_HOUR = 3600.0, 1.0
-_SLOPE_S = 1200.0
+_SLOPE_S = 1800.0
 """Of a shorter run memory has no slope: what is taken into use once would be one of GB/h."""
 MIB = 1 << 20
 MOST_CPU = {16: 0.5}
@@ -80,6 +80,8 @@ _COMPARED_S = 120.0
 """Records up to this are compared with what the emulators kept of what they sent: a MB a second."""
 VIEWER = "viewer's server"
 """Not ours: it keeps what it shows, up to the memory that it is given."""
+_FEWEST = 4
+"""Times between stalls by which a line and its deviation can be told."""
 _NOT_STEADY = 1 / 3
 """Of the record, at its begin, in which memory is still taken into use."""
 
@@ -269,7 +271,8 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"derived                   {told.get('derived.stopped', 'all of it')}")
     long = seconds >= _SLOPE_S
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
-        slope = f", in the last two thirds {slopes[name]:+.2f} MB/h" if long and name in slopes else ""
+        by = "{:+.2f} +- {:.2f} MB/h".format(*slopes[name]) if long and name in slopes else ""
+        slope = by and f", in the last two thirds {by}"
         least = " ".join(f"{each:.1f}" for each in _least_mib(watched.own[name])) if slope else ""
         print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB{slope}{least and f': {least}'}")
     print(f"acquisition, worst 2 s    {worst:.2f} of a core")
@@ -282,18 +285,21 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"ended                     with {watched.code}; gone before it: {', '.join(gone) or 'none'}")
     kept = kept and not watched.code and not gone
     within = means["acquisition"] < MOST_CPU.get(channels, 1.0)
-    level = seconds < _AN_HOUR_S or all(slope < MOST_MB_AN_HOUR for slope in slopes.values())
+    level = seconds < _AN_HOUR_S or all(slope < MOST_MB_AN_HOUR for slope, _ in slopes.values())
     return 0 if kept and within and level and most_mib["acquisition"] < MOST_MIB.get(channels, 1500) else 1
 
 
-def _slope(own_mib: list[float]) -> float:
-    """MB an hour that a process's own memory has grown by in the last two thirds.
+def _slope(own_mib: list[float]) -> tuple[float, float]:
+    """MB an hour that a process's own memory has grown by in the last two thirds, and its deviation.
 
     By the least of each time between two stalls, in which it takes up what waits, and gives it back in parts.
     """
     least = _least_mib(own_mib[round(len(own_mib) * _NOT_STEADY) :]) * (MIB / 1e6)
     hours = np.arange(len(least)) * _STALLS_EVERY_S / 3600.0
-    return float(np.polyfit(hours, least, 1)[0]) if len(least) > 1 else math.nan
+    if len(least) < _FEWEST:
+        return math.nan, math.nan
+    (slope, _), scatter = np.polyfit(hours, least, 1, cov=True)
+    return float(slope), math.sqrt(scatter[0, 0])
 
 
 def _least_mib(own_mib: list[float]) -> NDArray[np.float64]:

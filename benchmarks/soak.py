@@ -100,10 +100,10 @@ ALL = {
         ("benchmarks.recording_load", "--channels", "64", "--seconds", "30", "--stall", "10"),
         ("benchmarks.recording_load", "--channels", "64", "--seconds", "30", "--stall", "10"),
     ),
-    "view memory": Promise(
-        "What the processes of the live view keep grows by less than 1 MB/h, of 64 channels at 51.2 kHz.",
-        ("benchmarks.view_memory",),
-        ("benchmarks.view_memory", "--seconds", "180"),
+    "memory": Promise(
+        "What each process of a run keeps grows by less than 1 MB/h, of 64 channels at 51.2 kHz.",
+        ("benchmarks.memory",),
+        ("benchmarks.memory", "--seconds", "180"),
     ),
     "load": Promise(
         "64 channels at 51.2 kHz, CAN at 1 kHz and the inverter at 20 Hz, with twin and live view, a disk "

@@ -30,15 +30,16 @@ class Recorder:
 
     Handing over never waits. It raises RecorderFailed once the writer has failed or the queue was full, which
     is the caller's sign to stop the rig: nothing is dropped in silence, and nothing comes behind a hole.
-    `refused` counts what was handed over in vain. Why it ended and what of each channel is missing is written
-    even so, at its end, as long as the writer can. With less than a GiB left on the disk none begins, and one
-    that has begun tells a minute before, in `events`, and fails while it can still be finished.
+    `refused` counts what was handed over in vain; `waiting_bytes` are those of samples that wait. Why it ended
+    and what of each channel is missing is written even so, at its end, as long as the writer can. With less
+    than a GiB left on the disk none begins, and one that has begun tells a minute before, in `events`, and
+    fails while it can still be finished.
     """
 
     def __init__(self, writer: LogWriter, clock: Clock) -> None:
         self._writer, self._clock = writer, clock
         self._queue: queue.Queue[tuple[Callable[[], None] | None, int]] = queue.Queue(_QUEUE_ITEMS)
-        self._waiting_bytes, self._counting = 0, threading.Lock()
+        self.waiting_bytes, self._counting = 0, threading.Lock()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._closing = threading.Event()
         each_s = (("recorder to disk", writer.sync), ("recorder's room", self._check_room))  # one may stall
@@ -148,9 +149,9 @@ class Recorder:
     def _count(self, size: int) -> None:
         """Bytes that wait from now on, or no more; raises queue.Full where they would be too many."""
         with self._counting:
-            if self._waiting_bytes + size > _QUEUE_BYTES:
+            if self.waiting_bytes + size > _QUEUE_BYTES:
                 raise queue.Full
-            self._waiting_bytes += size
+            self.waiting_bytes += size
 
     def events(self) -> tuple[Event, ...]:
         """What is new of the disk, once."""

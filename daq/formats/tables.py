@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import astuple, dataclass, fields
@@ -106,18 +106,23 @@ class TrackTable:
 
     def batches(self) -> Iterator[tuple[np.ndarray, list[pa.Array]]]:
         """Sample indices and columns, some thousand rows at once; null where a sample is missing."""
+        left = [deque(track.stretches) for track in self.tracks]
         for start in range(self.first, self.end, _ROWS):
             stop = min(start + _ROWS, self.end)
             columns = []
-            for track in self.tracks:
+            for track, stretches in zip(self.tracks, left, strict=True):
                 low, high = max(start, track.first_sample), min(stop, track.end_sample)
                 values = np.full(stop - start, np.nan, track.samples.dtype)
                 missing = np.ones(stop - start, np.bool_)
                 if low < high:
                     read = track.samples.read(low - track.first_sample, high - track.first_sample)
                     values[low - start : high - start] = read
-                for stretch in track.stretches:
-                    missing[max(stretch.first_sample - start, 0) : max(stretch.end_sample - start, 0)] = False
+                while stretches and stretches[0].first_sample < stop:
+                    stretch = stretches[0]
+                    missing[max(stretch.first_sample - start, 0) : stretch.end_sample - start] = False
+                    if stretch.end_sample > stop:
+                        break
+                    stretches.popleft()
                 columns.append(pa.array(values, mask=missing if missing.any() else None, from_pandas=False))
             yield np.arange(start, stop), columns
 

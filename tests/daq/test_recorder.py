@@ -220,7 +220,7 @@ def test_samples_wait_for_the_disk_up_to_so_many_bytes(
         while recorder._queue.qsize():
             SystemClock().sleep(0.001)
         recorder.block("measured", block(number))
-    while recorder._waiting_bytes:
+    while recorder.waiting_bytes:
         SystemClock().sleep(0.001)
     go.clear()
     recorder.event(Event(START_NS, "info", "rig", "x", "y"))
