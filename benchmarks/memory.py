@@ -282,8 +282,8 @@ def _met(part: str, seconds: float) -> bool:
     used, resident = minutes.growth()
     third = len(minutes.used) // 3
     print(
-        f"{part}: in use {used:+.2f} MB/h (bar {MOST_MB_AN_HOUR:g}; {minutes.used[third]:.1f} MB after a third, "
-        f"{minutes.used[-1]:.1f} at the end),\n    resident {resident:+.1f} MB/h (bar "
+        f"{part}: in use {used:+.2f} MB/h (bar {MOST_MB_AN_HOUR:g}; {minutes.used[third]:.1f} MB after a "
+        f"third, {minutes.used[-1]:.1f} at the end),\n    resident {resident:+.1f} MB/h (bar "
         f"{MOST_RESIDENT_MB_AN_HOUR:g}; {minutes.resident[third]:.0f} and {minutes.resident[-1]:.0f} MB); "
         f"{time.monotonic() - begun:.0f} s",
         flush=True,

@@ -30,10 +30,10 @@ class Recorder:
 
     Handing over never waits. It raises RecorderFailed once the writer has failed or the queue was full, which
     is the caller's sign to stop the rig: nothing is dropped in silence, and nothing comes behind a hole.
-    `refused` counts what was handed over in vain; `waiting_bytes` are those of samples that wait. Why it ended
-    and what of each channel is missing is written even so, at its end, as long as the writer can. With less
-    than a GiB left on the disk none begins, and one that has begun tells a minute before, in `events`, and
-    fails while it can still be finished.
+    `refused` counts what was handed over in vain; `waiting_bytes` are those of samples that wait. Why it
+    ended and what of each channel is missing is written even so, at its end, as long as the writer can. With
+    less than a GiB left on the disk none begins, and one that has begun tells a minute before, in `events`,
+    and fails while it can still be finished.
     """
 
     def __init__(self, writer: LogWriter, clock: Clock) -> None:
