@@ -36,7 +36,7 @@ from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.log.reader import CYCLE_PEAK, Origin, derived_name
 from daq.log.records import Impact
-from daq.log.writer import LogWriter
+from daq.log.writer import MAXIMUM_CHUNK_AGE_S, LogWriter
 from daq.recorder import Recorder
 from drivers.protocols.card import CardReading
 from rig.derived.derivation import Derivation
@@ -129,9 +129,13 @@ class Minutes:
     def __init__(self) -> None:
         self.used, self.resident = list[float](), list[float]()
 
+    def due(self, at_s: float) -> bool:
+        """Whether the next look is due by then."""
+        return at_s >= len(self.used) * _EVERY_S
+
     def look(self, at_s: float) -> None:
         """To be called where nothing is under way."""
-        if at_s >= len(self.used) * _EVERY_S:
+        if self.due(at_s):
             self.used.append(in_use_mb())
             ctypes.CDLL(None).malloc_trim(0)
             self.resident.append(psutil.Process().memory_info().rss / 1e6)
@@ -228,7 +232,9 @@ def acquisition(seconds: float, minutes: Minutes) -> None:
         def look(at_s: float) -> None:
             while recorder.waiting_bytes:
                 clock.sleep(1e-3)
-            minutes.look(at_s)
+            if minutes.due(at_s):
+                clock.sleep(2 * MAXIMUM_CHUNK_AGE_S)  # what waits in a chunk is written by then
+                minutes.look(at_s)
 
         def record(each: Record) -> None:
             if isinstance(each, Block):
