@@ -8,6 +8,7 @@ shortest delay can be known (exponential, uniform, half normal) or only a typica
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import replace
 from math import isfinite
 
@@ -63,8 +64,7 @@ class ClockFit:
     def __init__(self, anchor: Anchor | None = None) -> None:
         """`anchor`: which delay the offset shall hold; None lets the pairs decide."""
         self._anchor = anchor
-        self._device: list[float] = []
-        self._arrival: list[float] = []
+        self._device, self._arrival = array("d"), array("d")
         self._seen = 0
         self._every = 1
 
