@@ -196,6 +196,7 @@ class Recorder:
             if write is None:
                 return
             if not self._writes:
+                self._count(-size)
                 continue
             try:
                 write()

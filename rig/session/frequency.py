@@ -224,6 +224,8 @@ class _PhaseTrack:
         rows = np.array(self._rows)
         under_way = int(np.argmax(rows[:, 1] > 0.5 * rows[:, 1].max()))
         rows = rows[under_way + (under_way > 0) :]
+        if len(rows) < 2 * _PARTS:  # as loud at its end alone: nothing is said of what came before
+            return DriveFrequency(self._nominal)
         parts = [self._told(part) for part in np.array_split(rows, _PARTS)]
         return _found(self._nominal, self._thinned.rate, self._told(rows), parts)
 

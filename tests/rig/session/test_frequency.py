@@ -141,6 +141,13 @@ def test_a_long_record_that_wanders_is_not_held() -> None:
     assert "wanders" in str(found)
 
 
+def test_a_knock_at_the_end_of_a_long_record_is_no_fault() -> None:
+    values = drive(20.0, 30.0)
+    values[-round(0.2 * RATE) :] *= 5.0
+    found, _ = checked(values)
+    assert found.code == UNKNOWN
+
+
 def test_a_long_record_without_a_drive_is_no_verdict() -> None:
     found, _ = checked(NOISE_N * np.random.default_rng(5).standard_normal(round(30 * RATE)))
     assert found.code == UNKNOWN
