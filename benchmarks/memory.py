@@ -61,7 +61,7 @@ _OF_THE_TWIN = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "pis
 _PICTURE = PlanarCrankPicture(0.150, 0.564, 1e-3, 1e-3, 20.0)
 _BY_MALLOC = {"PYTHONMALLOC": "malloc", "MALLOC_ARENA_MAX": "1", "RUST_LOG": "off"}
 """So that it is counted in one place, but for Rerun's own; and what Rerun says of itself is not printed."""
-_EVERY_S = 60.0
+_EVERY_S, _LEAST_S = 60.0, 600.0
 
 
 class _Counts(ctypes.Structure):
@@ -269,6 +269,8 @@ def main() -> int:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--seconds", type=float, default=1200.0)
     arguments = parser.parse_args()
+    if arguments.seconds < _LEAST_S:
+        parser.error(f"--seconds: at least {_LEAST_S:g}, for a line through seven minutes")
     if len(arguments.parts) == 1 and _BY_MALLOC.items() <= os.environ.items():
         return int(not _met(arguments.parts[0], arguments.seconds))
     codes = [

@@ -200,7 +200,7 @@ def _watch(command: list[str], seconds: float) -> Watched:
         table.update({name: [] for name in names.values()})
     end = time.monotonic() + seconds
     before, at = [_seconds(each) for each in processes], time.monotonic()
-    while at < end and run.poll() is None:
+    while at + EVERY_S < end and run.poll() is None:
         time.sleep(EVERY_S)
         now, elapsed = [_seconds(each) for each in processes], time.monotonic() - at
         for each, used, earlier in zip(processes, now, before, strict=True):

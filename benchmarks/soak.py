@@ -101,9 +101,10 @@ ALL = {
         ("benchmarks.recording_load", "--channels", "64", "--seconds", "30", "--stall", "10"),
     ),
     "memory": Promise(
-        "What each process of a run keeps grows by less than 1 MB/h, of 64 channels at 51.2 kHz.",
+        "What acquisition (reader, limits, recorder), twin, derivation and live view keep of the samples of "
+        "64 channels at 51.2 kHz grows by less than 1 MB/h.",
         ("benchmarks.memory",),
-        ("benchmarks.memory", "--seconds", "180"),
+        ("benchmarks.memory", "--seconds", "600"),
     ),
     "load": Promise(
         "64 channels at 51.2 kHz, CAN at 1 kHz and the inverter at 20 Hz, with twin and live view, a disk "

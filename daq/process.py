@@ -84,6 +84,10 @@ class Child:
             self.process.kill()
             self.process.join()
 
+    def leave(self) -> None:
+        """Let it go on by itself: what is still there at this process's end is ended and waited for."""
+        multiprocessing.process._children.discard(self.process)  # type: ignore[attr-defined]
+
 
 _SAFE_PATH, _OURS = "PYTHONSAFEPATH", "rattle"
 _STARTING = threading.Lock()

@@ -132,6 +132,13 @@ def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
 
     Raises RattleError if there is not one sample, LogError where there is next to none for a table's size.
     """
+    tables = _by_time_base(recording, warn)
+    for table in tables:
+        _check_filled(table)
+    return tables
+
+
+def _by_time_base(recording: Recording, warn: Warn) -> list[TrackTable]:
     groups: list[list[Track]] = []
     for track in recording.tracks:
         if not track.stretches:
@@ -151,22 +158,22 @@ def tables_of(recording: Recording, warn: Warn) -> list[TrackTable]:
     for group in groups:
         filled = [track for track in group if track.stretches]
         first, end = min(each.first_sample for each in filled), max(each.end_sample for each in filled)
-        _check_filled(group, end - first)
         tables.append(TrackTable(filled[0].stretches[0].base, tuple(group), first, end))
     return sorted(tables, key=lambda table: (table.first - table.end, -table.base.sample_rate))
 
 
-def _check_filled(tracks: Sequence[Track], rows: int) -> None:
+def _check_filled(table: TrackTable) -> None:
     """Raise LogError where a table would hold next to nothing: two samples may lie years apart."""
-    samples = sum(stretch.count for track in tracks for stretch in track.stretches)
-    if rows * len(tracks) > _CELLS_A_SAMPLE * (samples + _FEW):
+    samples = sum(stretch.count for track in table.tracks for stretch in track.stretches)
+    rows = table.end - table.first
+    if rows * len(table.tracks) > _CELLS_A_SAMPLE * (samples + _FEW):
         few = f"{samples} samples in {rows} rows"
         raise LogError(f"its samples lie too far apart for a table ({few}): export fewer channels at once")
 
 
 def other_rates(recording: Recording) -> list[Track]:
     """Tracks with samples that do not fit into the first table of a recording."""
-    first = tables_of(recording, lambda _: None)[0].tracks
+    first = _by_time_base(recording, lambda _: None)[0].tracks
     return [track for track in recording.tracks if track.stretches and track not in first]
 
 

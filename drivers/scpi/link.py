@@ -44,6 +44,7 @@ class ScpiLink:
         self._visa: MessageBasedResource | None = None
         self._answer_pending = False
         self.identity = ""
+        self._owed = 0  # answers with it that were asked for and have not come
         self._turn = threading.RLock()
 
     @property
@@ -127,10 +128,13 @@ class ScpiLink:
         """Answers keep their order: after this one no answer to an earlier question can come."""
         deadline = time.monotonic() + DRAIN_S
         self._answer_pending = True
+        self._owed += 1
         visa.write(IDENTITY)
-        while self._answer(visa, IDENTITY) != self.identity:
+        while self._owed:
             self._answer_pending = True
-            if time.monotonic() > deadline:
+            self._owed -= self._answer(visa, IDENTITY) == self.identity
+            if self._owed and time.monotonic() > deadline:
+                self._answer_pending = True
                 what = f"no answer to {IDENTITY} among others"
                 raise InstrumentSilent(self.instrument, self.resource, what, "who else asks it")
 
@@ -139,7 +143,9 @@ class ScpiLink:
         visa.timeout = QUIET_S * 1e3
         try:
             while time.monotonic() < deadline and not _closed_by_peer(visa):
-                visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
+                came = visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
+                if self._owed and came.decode("ascii", errors="replace").strip() == self.identity:
+                    self._owed -= 1
         except pyvisa.VisaIOError as error:
             if error.error_code != StatusCode.error_timeout:
                 raise

@@ -198,7 +198,10 @@ class ByHand:
         while not self._rests and stood_s < _STANDS_S:
             if self._clock.monotonic_s() > end_s:
                 shown = self._seen.told() if self.alive() else "nothing is measured any more"
-                raise self._refused(f"it is not seen at rest ({shown})", "the rig itself: STOP IT BY HAND")
+                what = f"it is not seen at rest ({shown})"
+                if self.alive() and self._seen.rests is None:
+                    what = f"nothing shows whether it rests: since that was asked for it was still ({shown})"
+                raise self._refused(what, "the rig itself: STOP IT BY HAND")
             self._clock.sleep(_STEP_S)
             stood_s = stood_s + _STEP_S if self.alive() and self._stands() else 0.0
         self._rests = True  # seen once is enough too: what measures it may be gone by the next look

@@ -107,6 +107,7 @@ class DrivenRig:
         self.on_stopping: Callable[[], None] | None = None
         """Called where it stops before its time; None where nothing follows what is recorded."""
         self._rests = self._moves = self._stops = False  # ramped down; was started; is being stopped
+        self._telling: threading.Thread | None = None  # of a stop before its time
         self._deciding = threading.Lock()  # of guard and sequence: over `_met`, `_stops`, `_unsafe`
         self._met = self._unsafe = 0  # dangers answered with a stop; stops not yet done
         self._unsafe_until_s = math.inf  # by when the first of these has to be done, monotonic s
@@ -266,6 +267,7 @@ class DrivenRig:
             running.callback(ask)
             running.push(self._heed_on_the_way_down)
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
+            running.callback(self._hear_out)
             moved = "the motor" if self.motion.speed_rad_s is not None else "the drive"
             running.enter_context(
                 drive_off_after(
@@ -357,21 +359,27 @@ class DrivenRig:
     def off(self) -> None:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
         faults = list[Exception]()
-        telling = threading.Thread(
-            target=self._tell_of_stop, args=(sys.exc_info()[1], faults), name="stopping", daemon=True
-        )
+        told = sys.exc_info()[1], faults
+        self._telling = threading.Thread(target=self._tell_of_stop, args=told, name="stopping", daemon=True)
         # nothing that goes wrong with a log, and no one who waits, may keep the drive on
         if not self._rests:
             with suppress(RuntimeError):  # a machine that starts none more: told below
-                telling.start()
+                self._telling.start()
         self._bring_to_rest(self.motion.cut if self._at_once else self.motion.off)
+        self._hear_out()
+        if faults:
+            raise faults[0]
+
+    def _hear_out(self) -> None:
+        """Let what tells of a stop come to its end, before anything that it tells is closed."""
+        telling, self._telling = self._telling, None
+        if telling is None:
+            return
         self.watch.excuse(JOIN_S)
         if telling.ident is not None:
             telling.join(JOIN_S)
         elif not self._rests:
             telling.run()
-        if faults:
-            raise faults[0]
 
     def _tell_of_stop(self, cause: BaseException | None, faults: list[Exception]) -> None:
         """Beside the stop: why it stops before its time."""

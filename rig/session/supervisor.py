@@ -132,6 +132,7 @@ class Supervisor:
         """End the process, but for one that has taken over; may be called twice."""
         if self._took_over:
             self._child.process.join(_LEAVES_S)
+            self._child.leave()
         else:
             with suppress(OSError):
                 self._child.pipe.send(_DONE)

@@ -35,6 +35,17 @@ if __name__ == "__main__":
 """
 
 
+LEAVES = """
+import os, signal
+from daq.process import Child
+from tests.daq.test_process import hang
+if __name__ == "__main__":
+    stays = Child("stays", hang, grace_s=None)
+    stays.start()
+    print(stays.pipe.recv(), flush=True)
+    os.kill(stays.pid, signal.SIGSTOP)
+    stays.leave()
+"""
 STARTS_BOTH = """
 from daq.process import Child
 from rig.ensembles import worker_processes
@@ -188,3 +199,19 @@ def left_of_it(every_s: float | None) -> float:
 def test_what_is_freed_between_what_stays_is_given_back() -> None:
     assert left_of_it(None) > 0.5  # glibc keeps it
     assert left_of_it(0.05) < 0.25
+
+
+def test_nobody_waits_at_the_end_for_one_that_was_left_to_itself() -> None:
+    """Not even for one that is frozen."""
+    run = [sys.executable, "-c", LEAVES]
+    with subprocess.Popen(  # noqa: S603 - our own text
+        run, cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, text=True
+    ) as parent:
+        assert parent.stdout is not None
+        left = psutil.Process(int(parent.stdout.readline()))
+        try:
+            assert parent.wait(GONE_S) == 0
+            assert left.status() == psutil.STATUS_STOPPED
+        finally:
+            left.kill()
+            parent.kill()

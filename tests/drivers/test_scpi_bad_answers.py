@@ -189,6 +189,35 @@ def test_no_late_answer_passes_for_an_output_that_is_off() -> None:
         driver.close()
 
 
+def test_two_silences_leave_no_answer_too_many() -> None:
+    """What was asked for twice comes twice, all of it at once."""
+    asleep = list[str]()
+
+    class Asleep(Echo):
+        def __call__(self, line: str) -> bytes | None:
+            if line in ("A?", "*IDN?") and self.kept.get("SLEEP") == "1" and len(asleep) < 2:
+                asleep.append(line)
+                return b""
+            answers = b"".join(
+                b"a\n" if each == "A?" else super(Asleep, self).__call__(each) or b"" for each in asleep
+            )
+            asleep.clear()
+            self.kept.pop("SLEEP", None)
+            return answers + (b"b\n" if line == "B?" else super().__call__(line) or b"")
+
+    with ScriptedInstrument(Asleep({})) as instrument:
+        link = ScpiLink("generator", instrument.resource, timeout_s=0.3)
+        link.open()
+        link.identity = link.query("*IDN?")
+        link.write("SLEEP 1")
+        for question in ("A?", "B?"):
+            with pytest.raises(InstrumentSilent):
+                link.query(question)
+        assert link.query("B?") == "b"
+        assert link.query("B?") == "b"
+        link.close()
+
+
 def test_a_late_answer_is_not_taken_for_the_next_whoever_asks_between() -> None:
     """Sequence and guard share a link: what one found says nothing of the other's question."""
     answers = {"A?": b"a\n", "B?": b"", "X": b"late\n", "C?": b"c\n"}

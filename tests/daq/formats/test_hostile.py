@@ -21,7 +21,7 @@ from daq.errors import LogError
 from daq.formats import FORMATS
 from daq.formats.recording import Recording, TimeBase, read_log
 from daq.formats.samples import Scratch
-from daq.formats.tables import KINDS, tables_of
+from daq.formats.tables import KINDS, other_rates, tables_of
 from daq.log.reader import LogReader
 from daq.log.writer import LogWriter
 from tests.daq.formats.files import read
@@ -319,6 +319,7 @@ def test_channels_months_apart_make_no_table(name: str, tmp_path: Path, scratch:
     with pytest.raises(LogError, match="20 samples in 10000000010 rows"):
         write(recording, tmp_path / f"run.{name}", lambda _: None)
     assert not list(tmp_path.glob("run*"))
+    assert other_rates(recording) == []  # which is no table yet
 
 
 def test_channels_of_a_second_that_begin_minutes_apart_make_one(tmp_path: Path, scratch: Scratch) -> None:
