@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import ctypes
-import gc
 import os
 import re
 import subprocess
@@ -30,7 +29,8 @@ import numpy as np
 import psutil
 import rerun as rr
 
-from benchmarks.recording_load import CRANK
+from benchmarks.in_use import BY_MALLOC, in_use_mb
+from benchmarks.recording_load import CRANK, MOST_MB_AN_HOUR, MOST_RESIDENT_MB_AN_HOUR
 from daq.block import NS_PER_S, Flag, SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
@@ -55,32 +55,12 @@ from rig.twin.scenario_twin import twin_of
 from rig.twin.worker import Drive, Predict, RecordedSpan
 
 RATE, BLOCK_S, CYCLE_S, CHANNELS = 51_200.0, 0.15, 0.3, 64
-MOST_MB_AN_HOUR, MOST_RESIDENT_MB_AN_HOUR = 1.0, 60.0
 _OF_THE_TWIN = ("crank_frame.acceleration_y", "crank_frame.acceleration_x", "piston_frame.acceleration_y",
                 "crank.angle", "crank.marker")  # fmt: skip
 _PICTURE = PlanarCrankPicture(0.150, 0.564, 1e-3, 1e-3, 20.0)
-_BY_MALLOC = {"PYTHONMALLOC": "malloc", "MALLOC_ARENA_MAX": "1", "RUST_LOG": "off"}
-"""So that it is counted in one place, but for Rerun's own; and what Rerun says of itself is not printed."""
+_ALONE = BY_MALLOC | {"RUST_LOG": "off"}
+"""What Rerun says of itself is not printed."""
 _EVERY_S, _LEAST_S = 60.0, 600.0
-
-
-class _Counts(ctypes.Structure):
-    """mallinfo2(3)."""
-
-    _fields_ = tuple(
-        (name, ctypes.c_size_t)
-        for name in ("arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks",
-                     "fordblks", "keepcost")
-    )  # fmt: skip
-
-
-def in_use_mb() -> float:
-    """What this process has asked for and not given back."""
-    gc.collect()
-    count = ctypes.CDLL(None).mallinfo2
-    count.restype = _Counts
-    found = count()
-    return float(found.uordblks + found.hblkhd) / 1e6
 
 
 def layout() -> Layout:
@@ -271,12 +251,12 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.seconds < _LEAST_S:
         parser.error(f"--seconds: at least {_LEAST_S:g}, for a line through seven minutes")
-    if len(arguments.parts) == 1 and _BY_MALLOC.items() <= os.environ.items():
+    if len(arguments.parts) == 1 and _ALONE.items() <= os.environ.items():
         return int(not _met(arguments.parts[0], arguments.seconds))
     codes = [
         subprocess.run(  # noqa: S603
             [sys.executable, "-m", "benchmarks.memory", part, "--seconds", f"{arguments.seconds:g}"],
-            env=os.environ | _BY_MALLOC,
+            env=os.environ | _ALONE,
             check=False,
         ).returncode
         for part in arguments.parts or PARTS

@@ -3,7 +3,8 @@
 Runs `rattle run --live` as a user would and watches its processes from outside: samples lost, blocks that the
 view dropped, processor time, memory. With `--channels 64` the bench is made for it: the five channels of the
 impact beam and accelerometers along it, or with `--crank` the five of the planar crank and accelerometers of
-its bed, beside an encoder on CAN at 1 kHz and an inverter that is read at 20 Hz.
+its bed, beside an encoder on CAN at 1 kHz and an inverter that is read at 20 Hz. Of an hour what each process
+keeps is told by itself (`benchmarks.in_use`) and has to stay below 1 MB/h; its resident memory moves by more.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +27,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from benchmarks.in_use import told, told_into
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 from drivers.emulator_truth import TRUTH_FOLDER
@@ -37,7 +39,7 @@ SCENARIO = ROOT / "scenarios" / "impact_beam_sixteen_channels.toml"
 BENCH = ROOT / "scenarios" / "sixteen_channels.bench.toml"
 SAMPLE_RATE_HZ = 51_200
 EVERY_S = 2.0
-_AN_HOUR_S, MOST_MB_AN_HOUR = 3600.0, 1.0
+_AN_HOUR_S, MOST_MB_AN_HOUR, MOST_RESIDENT_MB_AN_HOUR = 3600.0, 1.0, 60.0
 _SLOPE_S = 1800.0
 """Of a shorter run memory has no slope: what is taken into use once would be one of GB/h."""
 MIB = 1 << 20
@@ -80,6 +82,7 @@ _COMPARED_S = 120.0
 """Records up to this are compared with what the emulators kept of what they sent: a MB a second."""
 VIEWER = "viewer's server"
 """Not ours: it keeps what it shows, up to the memory that it is given."""
+_TOLD_EVERY_S = 10.0
 _FEWEST = 4
 """Times between stalls by which a line and its deviation can be told."""
 _NOT_STEADY = 1 / 3
@@ -90,12 +93,14 @@ _NOT_STEADY = 1 / 3
 class Watched:
     """CPU (share of a core) and memory (MiB) of each process in each stretch of 2 s.
 
-    `own`: without pages of files, which the system takes away and reads again as it likes.
+    `own`: without pages of files, which the system takes away and reads again as it likes. `in_use` (MB,
+    every `_TOLD_EVERY_S`, of a long run alone): what Python and glibc have handed out and not got back.
     """
 
     cpu: dict[str, list[float]] = field(default_factory=dict)
     rss: dict[str, list[float]] = field(default_factory=dict)
     own: dict[str, list[float]] = field(default_factory=dict)
+    in_use: dict[str, list[float]] = field(default_factory=dict)
     code: int = 0
     """With which the run ended."""
 
@@ -120,7 +125,7 @@ def main() -> int:
         os.environ[PORT_VARIABLE] = "0"
         if arguments.seconds <= _COMPARED_S:
             os.environ[TRUTH_FOLDER] = folder
-        watched = _watch(command, arguments.seconds)
+        watched = _watch(command, arguments.seconds, folder)
         return _report(list(Path(folder).glob("*.mcap")), watched, arguments.seconds, arguments.channels)
 
 
@@ -185,8 +190,10 @@ def _accelerometers(places: Iterable[int], location: str, more: str = "") -> str
     )
 
 
-def _watch(command: list[str], seconds: float) -> Watched:
-    run = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own
+def _watch(command: list[str], seconds: float, folder: str) -> Watched:
+    memory = Path(tempfile.mkdtemp(dir=folder))
+    variables = os.environ | (told_into(memory, _TOLD_EVERY_S) if seconds >= _SLOPE_S else {})
+    run = subprocess.Popen(command, cwd=ROOT, env=variables, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own
     assert run.stdout is not None
     for line in run.stdout:
         print(line, end="")
@@ -198,8 +205,8 @@ def _watch(command: list[str], seconds: float) -> Watched:
     watched = Watched()
     for table in (watched.cpu, watched.rss, watched.own):
         table.update({name: [] for name in names.values()})
-    end = time.monotonic() + seconds
-    before, at = [_seconds(each) for each in processes], time.monotonic()
+    begun = at = time.monotonic()
+    before, end = [_seconds(each) for each in processes], begun + seconds
     while at + EVERY_S < end and run.poll() is None:
         time.sleep(EVERY_S)
         now, elapsed = [_seconds(each) for each in processes], time.monotonic() - at
@@ -211,6 +218,9 @@ def _watch(command: list[str], seconds: float) -> Watched:
         before, at = now, at + elapsed
     print(run.stdout.read(), end="")
     watched.code = run.wait()
+    watched.in_use = {
+        name: told(memory, pid, begun)[: int(seconds / _TOLD_EVERY_S)] for pid, name in names.items()
+    }
     return watched
 
 
@@ -259,7 +269,9 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     means = {name: statistics.mean(shares) for name, shares in watched.cpu.items() if shares}
     busiest = max(means, key=lambda name: means[name])
     most_mib = {name: max(rss) for name, rss in watched.rss.items() if rss}
-    slopes = {name: _slope(watched.own[name]) for name in most_mib if not name.startswith(VIEWER)}
+    ours = [name for name in most_mib if not name.startswith(VIEWER)]
+    slopes = {name: _slope(watched.in_use[name], _TOLD_EVERY_S) for name in ours}
+    resident = {name: _slope(np.multiply(watched.own[name], MIB / 1e6), EVERY_S) for name in ours}
     worst = max(watched.cpu["acquisition"])
     print(f"\nlog                       {logs[0].stat().st_size / MIB:.0f} MiB, sound: {report.sound}")
     print(f"channels                  {measured} of the card; {len(counted)} measured and predicted in all")
@@ -271,10 +283,12 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"derived                   {told.get('derived.stopped', 'all of it')}")
     long = seconds >= _SLOPE_S
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
-        by = "{:+.2f} +- {:.2f} MB/h".format(*slopes[name]) if long and name in slopes else ""
-        slope = by and f", in the last two thirds {by}"
-        least = " ".join(f"{each:.1f}" for each in _least_mib(watched.own[name])) if slope else ""
-        print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB{slope}{least and f': {least}'}")
+        print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB", end="")
+        if long and name in slopes:
+            least = " ".join(f"{each:.2f}" for each in _least(watched.in_use[name], _TOLD_EVERY_S))
+            print("; in use {:+.2f} +- {:.2f} MB/h".format(*slopes[name]), f"({least})", end="")
+            print("; resident {:+.1f} +- {:.1f} MB/h".format(*resident[name]), end="")
+        print()
     print(f"acquisition, worst 2 s    {worst:.2f} of a core")
     print(f"busiest process           {busiest}, {means[busiest]:.2f} of a core")
     print(f"all processes             {sum(means.values()):.2f} cores")
@@ -285,16 +299,17 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"ended                     with {watched.code}; gone before it: {', '.join(gone) or 'none'}")
     kept = kept and not watched.code and not gone
     within = means["acquisition"] < MOST_CPU.get(channels, 1.0)
-    level = seconds < _AN_HOUR_S or all(slope < MOST_MB_AN_HOUR for slope, _ in slopes.values())
+    bars = ((slopes, MOST_MB_AN_HOUR), (resident, MOST_RESIDENT_MB_AN_HOUR))
+    level = seconds < _AN_HOUR_S or all(slope < bar for each, bar in bars for slope, _ in each.values())
     return 0 if kept and within and level and most_mib["acquisition"] < MOST_MIB.get(channels, 1500) else 1
 
 
-def _slope(own_mib: list[float]) -> tuple[float, float]:
-    """MB an hour that a process's own memory has grown by in the last two thirds, and its deviation.
+def _slope(mb: Sequence[float] | NDArray[np.float64], every_s: float) -> tuple[float, float]:
+    """MB an hour that this has grown by in the last two thirds, and its deviation.
 
-    By the least of each time between two stalls, in which it takes up what waits, and gives it back in parts.
+    By the least of each time between two stalls, in which a process takes up what waits, and frees it again.
     """
-    least = _least_mib(own_mib[round(len(own_mib) * _NOT_STEADY) :]) * (MIB / 1e6)
+    least = _least(mb[round(len(mb) * _NOT_STEADY) :], every_s)
     hours = np.arange(len(least)) * _STALLS_EVERY_S / 3600.0
     if len(least) < _FEWEST:
         return math.nan, math.nan
@@ -302,10 +317,10 @@ def _slope(own_mib: list[float]) -> tuple[float, float]:
     return float(slope), math.sqrt(scatter[0, 0])
 
 
-def _least_mib(own_mib: list[float]) -> NDArray[np.float64]:
+def _least(mb: Sequence[float] | NDArray[np.float64], every_s: float) -> NDArray[np.float64]:
     """Of each time between two stalls."""
-    each = round(_STALLS_EVERY_S / EVERY_S)
-    return np.asarray(np.reshape(own_mib[: len(own_mib) // each * each], (-1, each)).min(axis=1))
+    each = round(_STALLS_EVERY_S / every_s)
+    return np.asarray(np.reshape(mb[: len(mb) // each * each], (-1, each)).min(axis=1))
 
 
 def _beside(topic: str) -> float:
