@@ -82,7 +82,6 @@ _COMPARED_S = 120.0
 """Records up to this are compared with what the emulators kept of what they sent: a MB a second."""
 VIEWER = "viewer's server"
 """Not ours: it keeps what it shows, up to the memory that it is given."""
-_TOLD_EVERY_S = 10.0
 _FEWEST = 4
 """Times between stalls by which a line and its deviation can be told."""
 _NOT_STEADY = 1 / 3
@@ -93,8 +92,8 @@ _NOT_STEADY = 1 / 3
 class Watched:
     """CPU (share of a core) and memory (MiB) of each process in each stretch of 2 s.
 
-    `own`: without pages of files, which the system takes away and reads again as it likes. `in_use` (MB,
-    every `_TOLD_EVERY_S`, of a long run alone): what Python and glibc have handed out and not got back.
+    `own`: without pages of files, which the system takes away and reads again as it likes. `in_use` (MB, of a
+    long run alone): what Python and glibc have handed out and not got back.
     """
 
     cpu: dict[str, list[float]] = field(default_factory=dict)
@@ -192,7 +191,7 @@ def _accelerometers(places: Iterable[int], location: str, more: str = "") -> str
 
 def _watch(command: list[str], seconds: float, folder: str) -> Watched:
     memory = Path(tempfile.mkdtemp(dir=folder))
-    variables = os.environ | (told_into(memory, _TOLD_EVERY_S) if seconds >= _SLOPE_S else {})
+    variables = os.environ | (told_into(memory, EVERY_S) if seconds >= _SLOPE_S else {})
     run = subprocess.Popen(command, cwd=ROOT, env=variables, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own
     assert run.stdout is not None
     for line in run.stdout:
@@ -218,9 +217,7 @@ def _watch(command: list[str], seconds: float, folder: str) -> Watched:
         before, at = now, at + elapsed
     print(run.stdout.read(), end="")
     watched.code = run.wait()
-    watched.in_use = {
-        name: told(memory, pid, begun)[: int(seconds / _TOLD_EVERY_S)] for pid, name in names.items()
-    }
+    watched.in_use = {name: told(memory, pid, begun, end) for pid, name in names.items()}
     return watched
 
 
@@ -270,8 +267,8 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     busiest = max(means, key=lambda name: means[name])
     most_mib = {name: max(rss) for name, rss in watched.rss.items() if rss}
     ours = [name for name in most_mib if not name.startswith(VIEWER)]
-    slopes = {name: _slope(watched.in_use[name], _TOLD_EVERY_S) for name in ours}
-    resident = {name: _slope(np.multiply(watched.own[name], MIB / 1e6), EVERY_S) for name in ours}
+    slopes = {name: _slope(watched.in_use[name]) for name in ours}
+    resident = {name: _slope(np.multiply(watched.own[name], MIB / 1e6)) for name in ours}
     worst = max(watched.cpu["acquisition"])
     print(f"\nlog                       {logs[0].stat().st_size / MIB:.0f} MiB, sound: {report.sound}")
     print(f"channels                  {measured} of the card; {len(counted)} measured and predicted in all")
@@ -285,7 +282,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
         print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB", end="")
         if long and name in slopes:
-            least = " ".join(f"{each:.2f}" for each in _least(watched.in_use[name], _TOLD_EVERY_S))
+            least = " ".join(f"{each:.2f}" for each in _least(watched.in_use[name]))
             print("; in use {:+.2f} +- {:.2f} MB/h".format(*slopes[name]), f"({least})", end="")
             print("; resident {:+.1f} +- {:.1f} MB/h".format(*resident[name]), end="")
         print()
@@ -304,12 +301,12 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     return 0 if kept and within and level and most_mib["acquisition"] < MOST_MIB.get(channels, 1500) else 1
 
 
-def _slope(mb: Sequence[float] | NDArray[np.float64], every_s: float) -> tuple[float, float]:
+def _slope(mb: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
     """MB an hour that this has grown by in the last two thirds, and its deviation.
 
     By the least of each time between two stalls, in which a process takes up what waits, and frees it again.
     """
-    least = _least(mb[round(len(mb) * _NOT_STEADY) :], every_s)
+    least = _least(mb[round(len(mb) * _NOT_STEADY) :])
     hours = np.arange(len(least)) * _STALLS_EVERY_S / 3600.0
     if len(least) < _FEWEST:
         return math.nan, math.nan
@@ -317,9 +314,9 @@ def _slope(mb: Sequence[float] | NDArray[np.float64], every_s: float) -> tuple[f
     return float(slope), math.sqrt(scatter[0, 0])
 
 
-def _least(mb: Sequence[float] | NDArray[np.float64], every_s: float) -> NDArray[np.float64]:
+def _least(mb: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
     """Of each time between two stalls."""
-    each = round(_STALLS_EVERY_S / every_s)
+    each = round(_STALLS_EVERY_S / EVERY_S)
     return np.asarray(np.reshape(mb[: len(mb) // each * each], (-1, each)).min(axis=1))
 
 
