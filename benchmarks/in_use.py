@@ -52,7 +52,7 @@ def told(folder: Path, pid: int, since_s: float, until_s: float) -> list[float]:
 
 
 def tell(folder: Path, every_s: float) -> None:
-    """Begin to, in a thread; what there is once it has started is not searched each time, which takes 0.4 s."""
+    """Begin to, in a thread; what there is by then is not searched each time, which would take 0.4 s."""
 
     def keep_telling() -> None:
         time.sleep(_STARTED_S)
