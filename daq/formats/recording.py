@@ -19,6 +19,7 @@ from daq.formats.samples import CHUNK, MOST_SAMPLES, Samples, Scratch, ScratchCo
 from daq.log.codec import encode_block
 from daq.log.reader import LogReader, Origin
 from daq.log.records import ClockRecord, Event, Gap, Impact
+from daq.log.recover import origin_of_copy
 from daq.log.writer import LogWriter
 
 BLOCK_S = 0.1
@@ -213,7 +214,7 @@ def read_log(
         collectors[origin, block.channel].add(block)
     return Recording(
         tuple(collector.track() for collector in collectors.values()),
-        log.metadata,
+        {**log.metadata, **origin_of_copy(log)},
         log.events(),
         log.gaps(),
         log.clocks(),

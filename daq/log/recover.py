@@ -311,6 +311,12 @@ def origin_record(
     return told | {name: text for name, text in more.items() if text}
 
 
+def origin_of_copy(log: LogReader) -> dict[str, dict[str, str]]:
+    """Metadata by which a copy of what a log holds says that it was cut, or that nobody could check it."""
+    record = origin_record(log, 0, (), 0 if log.sealed else log.check_frame(), ())
+    return {RECOVERED: record} if record else {}
+
+
 def _copy(message: LoggedMessage, writer: LogWriter) -> tuple[int, SampleBlock | None]:
     """Samples missing before this message of which the log knew nothing, and its own, if it has any."""
     origin, name = origin_and_name(message.topic)

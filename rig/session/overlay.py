@@ -15,7 +15,7 @@ from daq.log.codec import decode_block
 from daq.log.front import CUT
 from daq.log.reader import SURROGATE, LogReader, Origin
 from daq.log.records import Event, Impact
-from daq.log.recover import RECOVERED, origin_record
+from daq.log.recover import origin_of_copy
 from daq.log.writer import LogWriter
 from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
@@ -181,11 +181,10 @@ def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channe
 
 def _origin(log: LogReader) -> dict[str, dict[str, str]]:
     """What its copy says of a log that a crash cut, or nobody could check; LogError for a damaged one."""
-    unchecked = 0 if log.sealed else log.check_frame()
+    origin = origin_of_copy(log)
     if log.damage not in ("", CUT):
         raise LogError(f"{log.path} is damaged ({log.damage}): rattle recover first")
-    record = origin_record(log, 0, (), unchecked, ())
-    return {RECOVERED: record} if record else {}
+    return origin
 
 
 def _copy(

@@ -12,6 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 from daq.block import Flag, SampleBlock, sample_time_ns
 from daq.channel import Channel
+from daq.log.front import CUT
 from daq.log.reader import SURROGATE, LogReader
 from daq.log.records import Event, Impact
 from daq.log.recover import verify_log
@@ -225,6 +226,9 @@ def test_a_cut_log_is_exported_as_far_as_it_goes(call: Call, run: Path, tmp_path
     answer = call("export", run, "--to", "parquet", "-o", tmp_path / "cut.parquet")
     assert answer.code == 0, answer.err
     assert "cut short: exported as far as it goes" in answer.out
+    assert call("import", tmp_path / "cut.parquet").code == 0
+    back = verify_log(tmp_path / "cut.mcap")
+    assert (back.recovered_from, back.size_bytes) == (CUT, run.stat().st_size)
 
 
 # --- files of other programs
