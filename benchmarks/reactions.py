@@ -1,10 +1,12 @@
 """How soon a drive is safe: runs with a generator and with a motor that end badly, over and over.
 
 `limit`: what is measured passes a limit while the terminal has stopped; from that sample to the off.
-`killed`, `frozen`: SIGKILL and SIGSTOP at a random moment from the first of driving on.
-`thread`: one thread of the run, any of them, is held. One that guards or drives makes the run safe by itself;
-where it goes on without another, its limit still trips.
-`lost`: an instrument is gone or frozen; to the first sign of a stop, and from there to the off.
+`killed`, `frozen`: SIGKILL and SIGSTOP; a third as the drive comes on, a third on the way up, a third while
+it is recorded, as of `thread` and `lost`.
+`thread`: one thread of the run is held, one that guards or drives as often as any other. One of those makes
+the run safe by itself; where it goes on without another, its limit still trips.
+`lost`: an instrument is gone or frozen; to the first sign of a stop, and from there to the off, or, of what
+drives, to the first word by which it would be off.
 `viewer`: the live view is killed; the record has to be whole.
 
 A run that ends by itself before it is to end badly, as on a machine too busy for the emulated line, tells
@@ -22,14 +24,16 @@ import argparse
 import ctypes
 import os
 import pty
+import re
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import termios
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -46,6 +50,8 @@ from daq.log.reader import LogReader
 from daq.log.records import STOPPING
 from drivers.emulator_process import EmulatedInstrument
 from drivers.emulator_truth import TRUTH_FOLDER
+from drivers.mitsubishi_fr.registers import STATUS_AND_COMMAND, Command
+from drivers.scpi.language import OUTPUT_OFF
 from rig.live.page_server import PORT_VARIABLE
 from rig.session.driven_rig import STOPPED
 from tests.accounting import discrepancies, sent_in
@@ -57,8 +63,8 @@ from tests.end_to_end.spied_crank import STRIKE, spied_crank
 ROOT = Path(__file__).parents[1]
 _TRY = "RATTLE_TRY"
 """In the environment of all processes of a run."""
-_AFTER_S = 3.0
-"""Of driving, at most, until it ends badly."""
+_AT_ONCE_S, _AFTER_S = 0.1, 3.0
+"""After the first of driving, or of recording, at most."""
 _WATCHDOG_S = 0.5
 _PATIENCE_S = 60.0
 _TOO_LONG_S = 5.0
@@ -102,6 +108,8 @@ class Bench:
     instruments: dict[str, EmulatedInstrument]
     struck: str
     heard: Callable[[], list[tuple[int, bool]]]
+    told_off_ns: Sequence[int]
+    """When what drives was told words by which it is off, as far as somebody listens to its line."""
 
     @property
     def drives(self) -> bool:
@@ -115,25 +123,90 @@ class Bench:
         return None if on in (-1, len(heard) - 1) else heard[on + 1][0]
 
 
+class Line:
+    """A line to what drives: hears when that is told to be off, also where nobody is at its end any more."""
+
+    def __init__(self, port: int, off: Callable[[bytes], bool]) -> None:
+        self._to, self._off, self.told_off_ns = port, off, list[int]()
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        threading.Thread(target=self._answer, daemon=True).start()
+
+    def close(self) -> None:
+        self._listener.close()
+
+    def _answer(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = self._listener.accept()
+                far = None
+                with suppress(OSError):
+                    far = socket.create_connection(("127.0.0.1", self._to), 1.0)
+                    far.settimeout(None)
+                    threading.Thread(target=self._carry, args=(far, near, False), daemon=True).start()
+                threading.Thread(target=self._carry, args=(near, far, True), daemon=True).start()
+
+    def _carry(self, one: socket.socket, other: socket.socket | None, heard: bool) -> None:
+        with suppress(OSError):
+            while data := one.recv(4096):
+                if heard and self._off(data):
+                    self.told_off_ns.append(time.time_ns())
+                if other is not None:
+                    other.sendall(data)
+        for each in (one, other):
+            if each is not None:
+                with suppress(OSError):
+                    each.shutdown(socket.SHUT_RDWR)
+
+
+def _listened(stack: ExitStack, file: Path, address: str, off: Callable[[bytes], bool]) -> Sequence[int]:
+    """Have a bench file reach what drives by a `Line`; when it was told to be off."""
+    port = re.findall(r"\d{4,5}", address)[-1]
+    line = Line(int(port), off)
+    stack.callback(line.close)
+    file.write_text(file.read_text().replace(address, address.replace(port, str(line.port))))
+    return line.told_off_ns
+
+
+def _generator_off(said: bytes) -> bool:
+    return f"{OUTPUT_OFF.command} {OUTPUT_OFF.word}".encode() in said
+
+
+def _inverter_off(frame: bytes) -> bool:
+    """A write (function 6) that takes run back."""
+    written, value = frame[1:4], int.from_bytes(frame[4:6])
+    register = bytes([6]) + STATUS_AND_COMMAND.address.to_bytes(2)
+    return written == register and not Command(value) & Command.FORWARD
+
+
 @contextmanager
-def _generator(folder: Path) -> Iterator[Bench]:
+def _generator(folder: Path, listening: bool) -> Iterator[Bench]:
     struck = "contact.force_upper"
     limits = _LIMIT.format(channel=struck, level="100 N")
     scenario = write_scenario(folder / "scenario.toml", settle_s=1.0, duration_s=60.0, limits=limits)
     plant = partial(StruckPlant, struck=folder / "struck")
-    with light_card(plant, {struck: "constant"}) as (card, onward), spied_generator(onward) as (made, spy):
+    with (
+        light_card(plant, {struck: "constant"}) as (card, onward),
+        spied_generator(onward) as (made, spy),
+        ExitStack() as stack,
+    ):
         file = write_bench(folder / "bench.toml", made.address, card.address)
+        told = _listened(stack, file, made.address, _generator_off) if listening else ()
 
         def heard() -> list[tuple[int, bool]]:
             return [(at, each.on) for at, each in zip(spy.heard_ns, spy.heard, strict=False)]
 
-        yield Bench(scenario, file, {"card": card, "generator": made}, struck, heard)
+        yield Bench(scenario, file, {"card": card, "generator": made}, struck, heard, told)
 
 
 @contextmanager
-def _motor(folder: Path) -> Iterator[Bench]:
+def _motor(folder: Path, listening: bool) -> Iterator[Bench]:
     struck = "crank_frame.acceleration_y"
-    with spied_crank(folder, struck=folder / "struck", watchdog_s=_WATCHDOG_S) as crank:
+    with (
+        spied_crank(folder, struck=folder / "struck", watchdog_s=_WATCHDOG_S) as crank,
+        ExitStack() as stack,
+    ):
+        told = _listened(stack, crank.file, crank.inverter.address, _inverter_off) if listening else ()
         with crank.scenario.open("a") as file:
             file.write(_LIMIT.format(channel=struck, level="100 m/s^2"))
         with crank.file.open("a") as file:
@@ -147,7 +220,7 @@ def _motor(folder: Path) -> Iterator[Bench]:
             return [(at, each.on and each.target > 0.0) for at, each in outputs]
 
         made = {"card": crank.card, "inverter": crank.inverter, "encoder": crank.encoder}
-        yield Bench(crank.scenario, crank.file, made, struck, heard)
+        yield Bench(crank.scenario, crank.file, made, struck, heard, told)
 
 
 RIGS = {"generator": _generator, "motor": _motor}
@@ -256,9 +329,12 @@ def _frozen(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict
 
 def _thread(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
     pid = terminal.run.pid
-    thread = rng.choice([each.id for each in psutil.Process(pid).threads()])
-    comm = Path(f"/proc/{pid}/task/{thread}/comm").read_text().strip()
-    name = "main" if thread == pid else comm
+    named: dict[bool, list[tuple[int, str]]] = {True: [], False: []}
+    for each in psutil.Process(pid).threads():
+        comm = Path(f"/proc/{pid}/task/{each.id}/comm").read_text().strip()
+        name = "main" if each.id == pid else comm
+        named[name in _GUARDS].append((each.id, name))
+    thread, name = rng.choice(named[rng.random() < 0.5])
     ptrace = ctypes.CDLL(None, use_errno=True).ptrace
     if ptrace(_PTRACE_SEIZE, thread, None, None) or ptrace(_PTRACE_INTERRUPT, thread, None, None):
         raise OSError(ctypes.get_errno(), f"cannot hold thread {thread} ({name})")
@@ -268,7 +344,7 @@ def _thread(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict
             return {f"{name} held": _since(bench, held_ns, terminal)}
         struck_ns = time.time_ns()
         (folder / "struck").touch()
-        return {"another held: limit after": _since(bench, struck_ns, terminal)}
+        return {f"{name} held: limit after": _since(bench, struck_ns, terminal)}
     finally:
         os.kill(pid, signal.SIGKILL)  # Popen takes a main thread that is held for one that has ended
         while os.WIFSTOPPED(os.waitpid(thread, _ANY_THREAD)[1]):
@@ -291,11 +367,13 @@ def _lost(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[s
         f"{name} {'lost' if how == signal.SIGKILL else 'frozen'}",
         (noticed_ns - lost_ns) / NS_PER_S,
     )
-    found = {f"{what}: noticed": noticed_s}
-    if name not in _ACTUATORS:  # of which one that is gone tells nobody what it does
-        # off first, written down after
-        found[f"{what}: safe after"] = max(_since(bench, lost_ns, terminal) - noticed_s, 0.0)
-    return found
+    # off first, written down after; what drives and is gone tells nobody what it does, only what it is told
+    if name in _ACTUATORS:
+        told_ns = next((at for at in bench.told_off_ns if at >= lost_ns), None)
+        safe_s = float("inf") if told_ns is None else (told_ns - lost_ns) / NS_PER_S
+    else:
+        safe_s = _since(bench, lost_ns, terminal)
+    return {f"{what}: noticed": noticed_s, f"{what}: safe after": max(safe_s - noticed_s, 0.0)}
 
 
 def _viewer(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
@@ -323,6 +401,7 @@ WAYS = {
     "lost": _lost,
     "viewer": _viewer,
 }
+_ANY_MOMENT = ("killed", "frozen", "thread", "lost")
 BARS = {"limit": 0.15, "noticed": 1.0, "safe after": 0.2, "samples lost": 0.0}
 """Of the 99th percentile; 1 s for whatever is not named."""
 MOST_BEFORE = 5
@@ -334,15 +413,18 @@ def once(rig: str, way: str, rng: Random) -> dict[str, float]:
         folder = Path(name)
         if way == "viewer":
             os.environ[TRUTH_FOLDER] = str(folder)
-        bench = stack.enter_context(RIGS[rig](folder))
+        bench = stack.enter_context(RIGS[rig](folder, way == "lost"))
         terminal = Terminal(bench, folder, *(["--live"] if way == "viewer" else []))
         stack.callback(terminal.close)
         if way == "viewer":
             _await(lambda: b"armed" in terminal.shown, _PATIENCE_S, terminal)
             terminal.enter()
         _await(lambda: bench.drives, _PATIENCE_S, terminal)
-        if way != "limit":
-            time.sleep(rng.uniform(0.0, _AFTER_S))
+        if way in _ANY_MOMENT:
+            most_s, recording = rng.choice([(_AT_ONCE_S, False), (_AFTER_S, False), (_AFTER_S, True)])
+            if recording:
+                _await(lambda: b"recording" in terminal.shown, _PATIENCE_S, terminal)
+            time.sleep(rng.uniform(0.0, most_s))
         return WAYS[way](bench, terminal, folder, rng)
 
 

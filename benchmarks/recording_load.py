@@ -77,7 +77,7 @@ emulated = true
 _READ_AT_20_HZ = 'rpm_per_hz = 5.0\npoll = "50 ms"'
 _STALLS_EVERY_S = 300.0
 _BUSY_S, _IDLE_S = 2.0, 18.0
-_RATES_HZ = {"encoder": 1000.0, "inverter": 20.0}
+_RATES_HZ = {"encoder": 1000.0}
 _COMPARED_S = 120.0
 """Records up to this are compared with what the emulators kept of what they sent: a MB a second."""
 VIEWER = "viewer's server"

@@ -2,11 +2,12 @@
 
 Both run the same commands, turn about, on the same files. The time of a short run is taken from that of a
 long one, so that neither the start nor the end counts. All processes count, emulators too.
-`acquisition` is a run of sixteen channels between the begin and the end of its record, without the report.
+`acquisition` is a run of sixteen channels between the begin and the end of its record, without the report;
+`acquisition alone` its own process, without emulators, twin, derivation and supervisor.
 `diagnosed` is the time, not of the processor, that `rattle diagnose` takes for three runs with an effect
 hidden in them, at its usual effort, with nothing kept of what was simulated before.
 What is `diagnosed` is looked at only where it is asked for: its bar is one against 474bf0b.
-Returns 1 if the median of the ratios of any command is above 1.03, of `acquisition` above 1.1, of what is
+Returns 1 if the median of the ratios of any command is above 1.03, of an acquisition above 1.1, of what is
 `diagnosed` above a third.
 
 Usage: python -m benchmarks.versions OTHER [--rounds N] [--only NAME ...], where OTHER is a commit, which is
@@ -122,7 +123,8 @@ WORK = {
 }
 
 
-NAMES = [*WORK, "acquisition", *DIAGNOSED]
+ALONE = "acquisition alone"
+NAMES = [*WORK, "acquisition", ALONE, *DIAGNOSED]
 
 
 def processor_s(checkout: Path, arguments: list[object]) -> float:
@@ -163,8 +165,8 @@ def written(name: str, work: Work, other: Path, folder: Path) -> list[Path]:
     return scenarios
 
 
-def while_recording(checkout: Path) -> float:
-    """Processor seconds a second of a run's record, in all its processes."""
+def while_recording(checkout: Path, alone: bool) -> float:
+    """Processor seconds a second of a run's record, in all its processes or in that which records."""
     with tempfile.TemporaryDirectory() as folder:
         scenario = Path(folder) / "scenario.toml"
         text = re.sub(r'duration = ".*"', f'duration = "{_RECORD_S:g} s"', SIXTEEN.read_text())
@@ -186,7 +188,8 @@ def while_recording(checkout: Path) -> float:
             assert run.stdout is not None
             if not any(line.startswith("recording") for line in run.stdout):
                 raise RuntimeError(f"{checkout}: it recorded nothing")
-            processes = [psutil.Process(run.pid), *psutil.Process(run.pid).children(recursive=True)]
+            processes = [psutil.Process(run.pid)]
+            processes += [] if alone else processes[0].children(recursive=True)
             before, began_s = _spent_s(processes), time.monotonic()
             time.sleep(_RECORD_S - 1.0)
             spent = (_spent_s(processes) - before) / (time.monotonic() - began_s)
@@ -231,7 +234,7 @@ def compare(name: str, other: Path, rounds: int) -> bool:
     """
     with tempfile.TemporaryDirectory() as folder:
         bar, unit, factor = BAR, "ms a second", 1e3
-        measure: Callable[[Path], float] = while_recording
+        measure: Callable[[Path], float] = partial(while_recording, alone=name == ALONE)
         if name in WORK:
             measure = partial(cost, WORK[name], written(name, WORK[name], other, Path(folder)))
         elif name in DIAGNOSED:

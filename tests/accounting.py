@@ -207,12 +207,7 @@ def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator
     card, (offset, wrong) = min(
         zip(cards, places, strict=True), key=lambda each: len(each[1][1]), default=(None, (0, []))
     )
-    for table, came, found in (
-        ("daq_card", _came_of_card(log), card),
-        ("encoder", _ENCODER in log.measured, encoder),
-    ):
-        if came and found is None and INSTRUMENTS[table].word in log.emulated:
-            yield f"its emulated {INSTRUMENTS[table].word} sent nothing then"
+    yield from _of_nobody(log, sent, card, encoder)
     if card is None and encoder is None and not (log.of_a_run and log.emulated):
         return  # it is of no emulator
     names = (("measured", list(log.channels)), ("predicted", log.predicted))
@@ -234,6 +229,27 @@ def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator
     yield from _of_others(log, card, until_ns)
     if encoder is not None and "encoder.numbering" not in log.codes:
         yield from _placed_on_encoder(encoder, log, until_ns or 0)
+
+
+def _of_nobody(
+    log: _Log,
+    sent: Sequence[SentByCard | SentByEncoder],
+    card: SentByCard | None,
+    encoder: SentByEncoder | None,
+) -> Iterator[str]:
+    """What the log has of an emulator that, by its times, sent nothing then."""
+    for table, came, found in (
+        ("daq_card", _came_of_card(log), card),
+        ("encoder", _ENCODER in log.measured, encoder),
+    ):
+        if came and found is None and INSTRUMENTS[table].word in log.emulated:
+            yield f"its emulated {INSTRUMENTS[table].word} sent nothing then"
+    if card is not None or not log.of_a_run or INSTRUMENTS["daq_card"].word in log.emulated:
+        return
+    rates = {blocks[0].sample_rate for name, blocks in log.measured.items() if name != _ENCODER}
+    cards = (each for each in sent if isinstance(each, SentByCard))
+    if any(each.made and each.rate in rates for each in cards):
+        yield "no card that sent samples at its rate did so then"
 
 
 def _came_of_card(log: _Log) -> list[str]:

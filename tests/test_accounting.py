@@ -115,6 +115,7 @@ def found(
     cut_ns: int | None = None,
     undeclared: str = "",
     predicted: int | None = None,
+    emulated: str = "card encoder",
 ) -> str:
     """What the checker says of a record from the card's sample 2000 on, stopped 2 s later.
 
@@ -132,7 +133,7 @@ def found(
     begin_ns = sample_time_ns(START_NS, BEGIN, RATE)
     with LogWriter(log_path) as log:
         log.add_metadata("scenario", {"toml": SCENARIO})
-        log.add_metadata("run", {"emulated": "card encoder"})
+        log.add_metadata("run", {"emulated": emulated})
         for channel in declared:
             if channel.name != undeclared:
                 log.declare("measured", channel)
@@ -417,6 +418,13 @@ def test_a_log_of_emulators_that_sent_nothing_then_is_found(truth: Path) -> None
     (truth / "encoder-1.jsonl").write_text("")
     (truth.parent / "log.mcap").unlink()
     assert "its emulated encoder sent nothing then" in found(truth.parent, lambda block: block)
+
+
+def test_a_run_on_instruments_that_a_test_holds_has_to_be_of_one_that_sent_then(truth: Path) -> None:
+    text = (truth / "daq_card-1.jsonl").read_text()
+    (truth / "daq_card-1.jsonl").write_text(text.replace(f"{START_NS}", f"{START_NS - 60 * NS_PER_S}"))
+    said = found(truth.parent, lambda block: block, name=RUN_NAME, emulated="")
+    assert "no card that sent samples at its rate did so then" in said
 
 
 def test_a_log_of_a_run_has_to_be_readable_unless_a_test_ruined_it(tmp_path: Path) -> None:
