@@ -1,4 +1,4 @@
-"""What a process has asked Python and glibc for and not given back, by itself or told from all of a run's.
+"""What a process has asked Python and glibc for and not given back; told by all processes of a run.
 
 The resident memory of a process moves by what a stall has left behind in it, tens of MB; this does not.
 """
@@ -6,16 +6,15 @@ The resident memory of a process moves by what a stall has left behind in it, te
 from __future__ import annotations
 
 import ctypes
-import gc
 import os
+import sys
 import threading
 import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-BY_MALLOC = {"PYTHONMALLOC": "malloc", "MALLOC_ARENA_MAX": "1"}
-"""So that it is counted in one place, but for what a native library keeps for itself."""
-_STARTED_S = 30.0
+_OF_PYTHON = 96
+"""Bytes of an object that Python has in its own pools, about; with `PYTHONMALLOC=malloc` none is there."""
 
 
 class _Counts(ctypes.Structure):
@@ -29,19 +28,18 @@ class _Counts(ctypes.Structure):
 
 
 def in_use_mb() -> float:
-    """Of this process; under the variables of `BY_MALLOC`."""
-    gc.collect()
+    """Of this process, without what a native library keeps for itself."""
     count = ctypes.CDLL(None).mallinfo2
     count.restype = _Counts
     found = count()
-    return float(found.uordblks + found.hblkhd) / 1e6
+    return float(found.uordblks + found.hblkhd + _OF_PYTHON * sys.getallocatedblocks()) / 1e6
 
 
 def told_into(folder: Path, every_s: float) -> dict[str, str]:
     """Variables by which each process started with them, and its children, tells it in a file of its pid."""
     start = f"from benchmarks.in_use import Path, tell\ntell(Path({str(folder)!r}), {every_s})\n"
     (folder / "sitecustomize.py").write_text(start)  # Python imports it as it starts
-    return {**BY_MALLOC, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
+    return {"PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
 
 
 def told(folder: Path, pid: int, since_s: float, until_s: float) -> list[float]:
@@ -52,11 +50,9 @@ def told(folder: Path, pid: int, since_s: float, until_s: float) -> list[float]:
 
 
 def tell(folder: Path, every_s: float) -> None:
-    """Begin to, in a thread; what there is by then is not searched each time, which would take 0.4 s."""
+    """Begin to, in a thread; garbage is not searched for, which would hold up the run."""
 
     def keep_telling() -> None:
-        time.sleep(_STARTED_S)
-        gc.freeze()
         with (folder / f"{os.getpid()}.mb").open("w", buffering=1) as file:
             while True:
                 time.sleep(every_s)
