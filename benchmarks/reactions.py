@@ -473,7 +473,7 @@ def main() -> int:
                 p99_s = float(np.quantile(all_s, 0.99, method="inverted_cdf"))
                 met &= p99_s <= bar_s
                 print(
-                    f"{rig:9} {what:27} {len(all_s):4} tries: median {np.median(all_s):.3f}, "
+                    f"{rig:9} {what:36} {len(all_s):4} tries: median {np.median(all_s):.3f}, "
                     f"99 % within {p99_s:.3f} (bar {bar_s:g}), worst {max(all_s):.3f}",
                     flush=True,
                 )

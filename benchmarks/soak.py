@@ -72,24 +72,24 @@ ALL = {
     ),
     "killed run": Promise(
         f"A run that is killed is safe within 1 s, whenever it drives, {_WATCHDOG}.",
-        ("benchmarks.reactions", "killed"),
+        ("benchmarks.reactions", "killed", "--beside", "2"),
         ("benchmarks.reactions", "killed", "--tries", "1"),
     ),
     "frozen run": Promise(
         f"A run that is frozen is safe within 1 s, whenever it drives, {_WATCHDOG}.",
-        ("benchmarks.reactions", "frozen"),
+        ("benchmarks.reactions", "frozen", "--beside", "2"),
         ("benchmarks.reactions", "frozen", "--tries", "1"),
     ),
     "held thread": Promise(
         "A run of which a thread hangs that guards or drives is safe within 1 s; where it goes on without "
         "another, its limit still stops it.",
-        ("benchmarks.reactions", "thread"),
+        ("benchmarks.reactions", "thread", "--beside", "2"),
         ("benchmarks.reactions", "thread", "--tries", "1"),
     ),
     "lost instrument": Promise(
         "An instrument that is lost, or answers no more, is noticed within 1 s, and what moves is safe 0.2 s "
         "after; where it is what drives, by its own watchdog, and a generator by hand.",
-        ("benchmarks.reactions", "lost"),
+        ("benchmarks.reactions", "lost", "--beside", "2"),
         ("benchmarks.reactions", "lost", "--tries", "1"),
     ),
     "dead viewer": Promise(
