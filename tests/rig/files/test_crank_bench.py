@@ -260,6 +260,7 @@ rpm_per_volt = 5.0
 maximum_speed = "300 rpm"
 maximum_current = "3 A"
 """
+MANUAL = '[manual_motor]\ndriver = "manual"\nmaximum_speed = "300 rpm"\n'
 
 
 def test_whatever_gives_the_drive_of_a_rig_may_drive_it() -> None:
@@ -290,6 +291,17 @@ def test_a_supply_that_cannot_be_is_told(text: str, key: str, allowed: str) -> N
     encoder = TEXT[TEXT.index("[encoder]") : TEXT.index("[daq_card]")]
     problem = only_problem(lambda: parse(TEXT.replace(INVERTER, text).replace(encoder, "")), key)
     assert allowed in problem.allowed
+
+
+@pytest.mark.parametrize(
+    ("table", "text"), [("inverter", INVERTER), ("dc_supply", SUPPLY), ("manual_motor", MANUAL)]
+)
+def test_a_bare_number_is_no_highest_speed_of_a_motor(table: str, text: str) -> None:
+    """In rad/s, whoever means 300 rpm would allow 2865."""
+    bare = TEXT.replace(INVERTER, text.replace('"300 rpm"', "300", 1))
+    problem = only_problem(lambda: parse(bare), f"{table}.maximum_speed")
+    assert problem.value == "300"
+    assert problem.allowed == "above 0 rpm, up to 100000 rpm (the unit is missing: rpm or rad/s)"
 
 
 def test_an_emulated_supply_needs_no_more_than_to_be_named() -> None:
