@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 
-from daq.errors import InstrumentSilent
+from daq.errors import InstrumentRefused, InstrumentSilent
 from drivers import lock as locks
+from drivers.lock import lock
 from rig.files.bench import Bench, embedded_bench
 from rig.files.scenario import Scenario, edited, parse_scenario
 from rig.session import devices
@@ -57,6 +58,31 @@ def test_one_that_hangs_at_the_end_keeps_neither_the_others_nor_the_run(
     assert time.monotonic() - since_s < 1.0
     assert told == ["generator", "thermometer", "encoder", "card", "lock"]
     goes_on.set()
+
+
+PARTS = ("generator", "card", "encoder", "thermometer")
+
+
+@pytest.mark.parametrize("used", PARTS)
+def test_where_somebody_uses_one_of_them_none_is_opened(used: str) -> None:
+    """To connect stops an encoder and resets a generator, which the run that has them goes on with."""
+    opened = list[str]()
+
+    def part(name: str) -> Any:
+        address = f"{name} of {FAKE}"
+        return SimpleNamespace(
+            name=name, address=address, open=lambda: opened.append(name), close=lambda: None
+        )
+
+    generator, card, encoder, thermometer = map(part, PARTS)
+    motion: Any = None
+    ours = Devices(generator, None, motion, card, encoder, {"thermometer": thermometer})
+    with lock(used, f"{used} of {FAKE}"), pytest.raises(InstrumentRefused, match=f"{used} .*: in use by"):
+        ours.open()
+    assert not opened
+    ours.open()  # nothing of ours is held by then
+    assert opened == list(PARTS)
+    ours.close()
 
 
 class Connecting:
