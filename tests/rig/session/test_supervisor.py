@@ -145,6 +145,39 @@ def test_it_goes_on_until_the_drive_is_off_and_keeps_the_bench_until_then(
     await_true("its end", lambda: not psutil.pid_exists(number) or trying.status() == psutil.STATUS_ZOMBIE)
 
 
+class OddGenerator(FarGenerator):
+    """Raises what is no error of ours where it is `odd`, until the file `there` is; leaves one at `tried`."""
+
+    def __init__(self, folder: Path, odd: str) -> None:
+        super().__init__(folder)
+        self._odd = odd
+
+    def open(self) -> None:
+        self._fail("open")
+
+    def off(self) -> None:
+        self._fail("off")
+        super().off()
+
+    def _fail(self, where: str) -> None:
+        if where == self._odd and not (self._folder / "there").exists():
+            (self._folder / "tried").touch()
+            raise RuntimeError("a fault of a library")
+
+
+@pytest.mark.parametrize("odd", ["open", "off"])
+def test_no_fault_of_a_library_keeps_it_from_trying_again(tmp_path: Path, odd: str) -> None:
+    supervisor = Supervisor(partial(OddGenerator, tmp_path, odd))
+    supervisor.launch()
+    with supervisor:
+        supervisor.beat()
+        number = process_in(taken_over(supervisor))
+    await_true("tried", (tmp_path / "tried").exists)
+    (tmp_path / "there").touch()
+    await_true("switched off", (tmp_path / "off").exists)
+    await_true("its end", lambda: has_ended(number))
+
+
 def test_a_bench_that_it_tries_to_switch_off_is_refused_with_its_number(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
