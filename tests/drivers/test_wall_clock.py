@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import itertools
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
 
 import can
 import pytest
+from pyvisa_py.protocols import vxi11
 
 from daq.clock import SystemClock
-from daq.errors import InstrumentSilent
+from daq.errors import InstrumentAbsent, InstrumentSilent
 from drivers.canopen_cia406.link import CanLink
 from drivers.canopen_cia406.objects import DEVICE_TYPE
 from drivers.scpi.link import ScpiLink
@@ -53,6 +55,36 @@ def test_a_generator_is_drained_and_found_silent_in_time(set_back: None, mute: i
                 link.query("OUTP?")
         finally:
             link.close()
+
+    within(SOON_S, ask)
+
+
+@pytest.fixture
+def unread() -> Iterator[int]:
+    """The port of something over VXI-11 that answers every call but a read."""
+    accepted, done = (1, 0, 0, 0, 0), (0, 1, 0, 4096)  # no error, link 1, no port, bytes at a time
+
+    def answer() -> None:
+        connection, _ = server.accept()
+        with connection, connection.makefile("rb") as calls:
+            while mark := calls.read(4):
+                call = calls.read(int.from_bytes(mark) & 0x7FFFFFFF)
+                if int.from_bytes(call[20:24]) != vxi11.DEVICE_READ:
+                    said = call[:4] + struct.pack(">9I", *accepted, *done)
+                    connection.sendall(struct.pack(">I", len(said) | 0x80000000) + said)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        answering = threading.Thread(target=answer, daemon=True)
+        answering.start()
+        yield server.getsockname()[1]
+        answering.join(SOON_S)
+
+
+def test_over_vxi_11_too(set_back: None, unread: int) -> None:
+    def ask() -> None:
+        link = ScpiLink("signal generator", f"TCPIP::127.0.0.1,{unread}::inst0::INSTR", timeout_s=0.3)
+        with pytest.raises(InstrumentAbsent, match=r"nobody answers .*VI_ERROR_IO"):
+            link.open()
 
     within(SOON_S, ask)
 
