@@ -69,14 +69,15 @@ def check_pair(
 
 
 def nowhere(bench: Bench) -> Iterator[Problem]:
-    """Faults to rehearse on a channel that the card has not."""
+    """Faults to rehearse on a channel, or a line of the emergency stop, that is not there."""
     names = [each.name for each in bench.daq_card.channels]
     for text in bench.emulation.faults:
         fault = rehearsed(text)
         if "channel" in fault.known and not any(name.endswith(fault.channel) for name in names):
             allowed = f"a channel of the card ({', '.join(names)})"
             yield Problem("emulation.faults", text, allowed)
-        if fault.kind == "stop_pressed" and bench.instruments[fault.table].stop_line is None:
+        reader = bench.instruments.get(fault.table)
+        if fault.kind == "stop_pressed" and reader is not None and reader.stop_line is None:
             where = "a line of the card" if fault.table == "daq_card" else "a terminal of the inverter"
             yield Problem("emulation.faults", text, f"a bench with [emergency_stop] on {where}")
 

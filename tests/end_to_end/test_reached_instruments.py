@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -30,6 +32,19 @@ def printed_bench(emulators: Command) -> str:
     return "\n".join(lines[:-1])
 
 
+@contextmanager
+def reached(scenario: Path, *asked: object) -> Iterator[Path]:
+    """The bench that emulators print, which end with the context and leave nothing."""
+    with command("emulate", scenario, *asked) as emulators:
+        bench = scenario.with_name("printed.toml")
+        bench.write_text(printed_bench(emulators))
+        yield bench
+        servers = emulators.children()
+        emulators.signal(signal.SIGINT)
+        assert emulators.end().code == 130
+    await_gone(servers)
+
+
 SHORT, *OTHERS = RIGS
 
 
@@ -43,14 +58,8 @@ def test_the_printed_lines_are_a_bench_that_a_run_takes(rig: str, tmp_path: Path
         write_crank(scenario, rig, 0.3)
     emulated = tmp_path / "emulated.toml"
     emulated.write_text(ENCODER if "encoder" in RIGS[rig].extras else "[emulation]\n")
-    with command("emulate", scenario, "--bench", emulated) as emulators:
-        bench = tmp_path / "printed.toml"
-        bench.write_text(printed_bench(emulators))
+    with reached(scenario, "--bench", emulated) as bench:
         ended = rattle("run", scenario, "--bench", bench, "--out", tmp_path, deadline_s=DEADLINE_S)
-        servers = emulators.children()
-        emulators.signal(signal.SIGINT)
-        assert emulators.end().code == 130
-    await_gone(servers)
     assert (ended.code, ended.err) == (0, "")
     assert ended.out.count(FIRST_START) == 1
     assert verify_log(ended.log).sound
@@ -59,3 +68,14 @@ def test_the_printed_lines_are_a_bench_that_a_run_takes(rig: str, tmp_path: Path
         measured = set(log.channels("measured"))
     on_the_card = {channel.name for channel in embedded_bench(rig).daq_card.channels}
     assert measured == on_the_card | ({"encoder.angle"} if "encoder" in RIGS[rig].extras else set())
+
+
+def test_a_run_meets_the_fault_that_was_asked_for_in_the_other_terminal(tmp_path: Path) -> None:
+    scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.5, duration_s=4.0)
+    turned = "signal_generator.set_by_another@2:volts=3"
+    with reached(scenario, "--fault", turned, "--seed", 7) as bench:
+        ended = rattle("run", scenario, "--bench", bench, "--out", tmp_path, deadline_s=DEADLINE_S)
+    assert ended.code == 1
+    assert "which it was not told" in ended.err
+    assert "the drive is off" in ended.err
+    assert verify_log(ended.log).sound
