@@ -131,6 +131,11 @@ FAULTS: Final[Mapping[str, Fault]] = {
         "F25", "`channel` gives one value `for` s", "an event `sensor.stuck`; the run goes on",
         {**_ONE_INPUT, "for": 2.0},
     ),
+    "daq_card.offset": Fault(
+        "F25", "the sensor of `channel` is off by `by` of its unit",
+        "nothing: a wrong mean, at rest too (rattle monitor); past a limit or the bench's maximum: exit 3",
+        {**_ONE_INPUT, "by": 1.0},
+    ),
     "daq_card.open": Fault("F25", "the cable of `channel` is loose", _MARKED, _ONE_INPUT, at_start=True),
     "daq_card.short": Fault("F25", "the cable of `channel` is shorted", _MARKED, _ONE_INPUT, at_start=True),
     "daq_card.rolls_over": Fault(

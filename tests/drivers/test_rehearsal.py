@@ -186,6 +186,13 @@ def test_a_channel_chatters_for_as_long_as_it_was_told_to() -> None:
     assert (raised > 0).sum() == 5 * 20
 
 
+def test_a_channel_is_off_from_its_time_on() -> None:
+    shifted = shown("daq_card.offset@0.1:by=3:channel=contact.force") - WHOLE
+    assert np.flatnonzero(shifted[0]).tolist() == list(range(100, 1000))
+    assert set(shifted[0, 100:].tolist()) == {3.0}
+    assert not shifted[1].any()
+
+
 def test_an_emergency_stop_is_pressed_at_its_time() -> None:
     pressed: list[int] = []
     steps = Steps()

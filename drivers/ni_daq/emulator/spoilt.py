@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from drivers.rehearsal import Rehearsal, Rehearsed
 
 _BEYOND = 1e12  # of whatever unit: more than any input takes
 _HIGH_V = 1.0  # above the noise of a marker's low level, below its 5 V
-_LASTING = ("marks_missing", "marks_doubled", "marks_late")
+_LASTING = ("marks_missing", "marks_doubled", "marks_late", "offset")
 _CHATTER_S, _CHATTERS_EVERY_S = 0.02, 0.1
 _GLITCH_S, _GLITCH_AFTER_S = 5e-4, 0.02  # after the mark, which is over by then from 42 rpm on
 
@@ -54,7 +55,7 @@ class SpoiltPlant:
             if fault.kind == "stop_pressed":
                 self._press()
                 continue
-            lasts_s = np.inf if fault.kind in _LASTING else fault.number("for")  # each mark by lot
+            lasts_s = np.inf if fault.kind in _LASTING else fault.number("for")
             self._going.append((self._made + lasts_s * self._rate, self._failure(fault, shown)))
         self._made += count
         for until, spoil in self._going:
@@ -75,6 +76,8 @@ class SpoiltPlant:
                 return _Marks(row, lambda: 0.0, lambda: lot() < fault.number("share"), glitch)
             case "chatters":
                 return _Chatter(row, fault.number("height"), self._rate)
+            case "offset":
+                return partial(_raise, row, fault.number("by"))
         value = {"clips": _BEYOND, "not_finite": np.nan}.get(fault.kind, float(shown[row, 0]))
         part = slice(0, 1) if fault.kind == "not_finite" else slice(None)
 
@@ -82,6 +85,10 @@ class SpoiltPlant:
             block[row, part] = value
 
         return spoil
+
+
+def _raise(row: int, by: float, block: NDArray[np.float64]) -> None:
+    block[row] += by
 
 
 class _Marks:
