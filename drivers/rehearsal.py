@@ -53,6 +53,8 @@ _REFUSED = "refused before anything moves"
 _DRIVE_STOPS = "exit 1; the motor is brought to rest, the word says why"
 _SOME = {"share": 0.01}  # of the answers: seldom enough that a run lives, often enough to show
 _ONE_INPUT = {"channel": ""}  # how its name ends; the first such
+ON_A_WIRE = ("open", "short", "wrong_sensor")
+"""Kinds that come to analog inputs only."""
 
 
 def _faults_of(source: str) -> dict[str, Fault]:
@@ -138,6 +140,9 @@ FAULTS: Final[Mapping[str, Fault]] = {
     ),
     "daq_card.open": Fault("F25", "the cable of `channel` is loose", _MARKED, _ONE_INPUT, at_start=True),
     "daq_card.short": Fault("F25", "the cable of `channel` is shorted", _MARKED, _ONE_INPUT, at_start=True),
+    "daq_card.wrong_sensor": Fault(
+        "F3", "another sensor is on `channel`, says its TEDS", _REFUSED, _ONE_INPUT, at_start=True
+    ),
     "daq_card.rolls_over": Fault(
         "F26", "its counters start `before` their highest count", "nothing: angles go on",
         {"before": 1000.0}, at_start=True,

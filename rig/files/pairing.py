@@ -14,7 +14,7 @@ from typing import Final
 from daq.errors import ConfigurationError, Problem
 from daq.log.records import LEAST_FREE_BYTES
 from drivers.ni_daq.channels import FASTEST_EDGES_HZ, CardChannel
-from drivers.rehearsal import rehearsed
+from drivers.rehearsal import ON_A_WIRE, rehearsed
 from rig.files.bench import Bench
 from rig.files.faults import dotted, meant
 from rig.files.scenario import AcquisitionSection, Scenario
@@ -69,10 +69,11 @@ def check_pair(
 
 
 def nowhere(bench: Bench) -> Iterator[Problem]:
-    """Faults to rehearse on a channel, or a line of the emergency stop, that is not there."""
-    names = [each.name for each in bench.daq_card.channels]
+    """Faults to rehearse on what is not there: a channel that shows the rig, a line of the emergency stop."""
+    shown = [each for each in bench.daq_card.channels if unit_of(each.name) is not None]
     for text in bench.emulation.faults:
         fault = rehearsed(text)
+        names = [each.name for each in shown if not (each.counted and fault.kind in ON_A_WIRE)]
         if "channel" in fault.known and not any(name.endswith(fault.channel) for name in names):
             allowed = f"a channel of the card ({', '.join(names)})"
             yield Problem("emulation.faults", text, allowed)

@@ -23,7 +23,7 @@ from drivers.mitsubishi_fr.emulator import server
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS
 from drivers.ni_daq.emulator import spoilt, wiring
 from drivers.ni_daq.emulator.spoilt import SpoiltPlant
-from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
+from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Teds, Wire
 from drivers.rehearsal import FAULTS, Fault, Rehearsal, rehearsed
 from drivers.scpi.emulator import process as generator_process
 from rig.session import spoilt_disk
@@ -261,3 +261,5 @@ def test_cables_and_counters_are_so_from_the_start() -> None:
     assert opened.counters["a/ctr0"].preset == 2**32 - 7
     shorted = wiring.spoilt(CardWiring(card.wires, faults=(rehearsed("daq_card.short:channel=g"),)))
     assert [wire.shorted for wire in shorted.wires.values()] == [False, True]
+    other = wiring.spoilt(CardWiring(card.wires, faults=(rehearsed("daq_card.wrong_sensor:channel=g"),)))
+    assert [wire.teds for wire in other.wires.values()] == [None, Teds(1, 2.0)]

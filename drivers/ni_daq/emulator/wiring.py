@@ -15,7 +15,7 @@ from nidaqmx.error_codes import DAQmxErrors
 from daq.errors import ConfigurationError, Problem
 from daq.quantity import Samples
 from drivers.ni_daq.channels import INPUT_NOISE_V
-from drivers.rehearsal import Rehearsed
+from drivers.rehearsal import ON_A_WIRE, Rehearsed
 
 FASTEST_HZ = 51200.0  # 13.1072 MHz / 256
 DIVISORS = range(1, 32)  # n of 51.2 kHz / n
@@ -23,6 +23,7 @@ EXCITATION_A = 0.002  # A; the NI 9234 has this and no other
 _INPUT = re.compile(r"[A-Za-z][A-Za-z0-9_-]*/ai[0-9]{1,3}")
 _COUNTER = re.compile(r"[A-Za-z][A-Za-z0-9_-]*/ctr[0-9]{1,3}")
 _OTHER_SLOT = "cDAQ1Mod8/"
+_OTHER_SERIAL = 1
 _MODULE = re.compile(r"(.+)Mod[0-9]+")
 
 
@@ -163,12 +164,11 @@ def spoilt(wiring: CardWiring) -> CardWiring:
     """The wiring with what its faults do to it from the start."""
     wires, counters, clock_ppm = dict(wiring.wires), dict(wiring.counters), wiring.clock_ppm
     for fault in wiring.faults:
-        if fault.kind in ("open", "short"):
+        if fault.kind in ON_A_WIRE:
             physical = next(
                 each for each, wire in wires.items() if wire.plant_channel.endswith(fault.channel)
             )
-            shorted = fault.kind == "short"
-            wires[physical] = replace(wires[physical], connected=shorted, shorted=shorted)
+            wires[physical] = _with(fault.kind, wires[physical])
         elif fault.kind == "wrong_module":
             slot = next(iter(wires)).partition("/")[0] + "/"
             wires = {name.replace(slot, _OTHER_SLOT): wire for name, wire in wires.items()}
@@ -179,6 +179,17 @@ def spoilt(wiring: CardWiring) -> CardWiring:
             preset = 2**32 - int(fault.number("before"))  # that many counts before the register starts again
             counters = {name: replace(each, preset=preset) for name, each in counters.items()}
     return replace(wiring, wires=wires, counters=counters, clock_ppm=clock_ppm)
+
+
+def _with(kind: str, wire: Wire) -> Wire:
+    match kind:
+        case "open":
+            return replace(wire, connected=False)
+        case "short":
+            return replace(wire, shorted=True)
+        case "wrong_sensor":
+            return replace(wire, teds=Teds(_OTHER_SERIAL, 2.0 * wire.volts_per_unit))
+    raise LookupError(kind)
 
 
 def chassis_of(device: str) -> str | None:
