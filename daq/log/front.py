@@ -74,6 +74,7 @@ def metadata_and_chunks(descriptor: int, allowance: Allowance, note: Note) -> It
                 described += len(record)
                 if described > MOST_DESCRIPTION_BYTES:
                     raise ValueError("metadata without end")
+                _check_metadata(descriptor, record, position)
                 yield Metadata.read(_content(record))
             elif opcode == Opcode.CHUNK:
                 yield Chunk.read(_content(record))
@@ -200,14 +201,19 @@ def _metadata_at(descriptor: int, places: list[int], size: int) -> Iterator[tupl
         described += len(record)
         if opcode != Opcode.METADATA or described > MOST_DESCRIPTION_BYTES:
             raise ValueError(f"no metadata at byte {place}, or without end")
-        room = max(place - RECORD_HEAD.size - _CHECKSUM_BYTES, 0)
-        before = os.pread(descriptor, place - room, room)
-        if before.startswith(_CHECKSUM_HEAD):  # as behind every record of ours
-            _check_between(
-                descriptor, before, record, place, int.from_bytes(before[RECORD_HEAD.size :], "little")
-            )
+        _check_metadata(descriptor, record, place)
         metadata = Metadata.read(_content(record))
         yield metadata.name, metadata.metadata
+
+
+def _check_metadata(descriptor: int, record: bytes, place: int) -> None:
+    """Raise ValueError where it is not as it was written; of others, or cut behind it, none can tell."""
+    size = RECORD_HEAD.size + _CHECKSUM_BYTES
+    before = os.pread(descriptor, size, max(place - size, 0))
+    cut = not os.pread(descriptor, 1, place + len(record) + size - 1)
+    if before.startswith(_CHECKSUM_HEAD) and not cut:  # as behind every record of ours
+        told = int.from_bytes(before[RECORD_HEAD.size :], "little")
+        _check_between(descriptor, before, record, place, told)
 
 
 def _check_between(descriptor: int, before: bytes, record: bytes, place: int, checksum: int = 0) -> None:

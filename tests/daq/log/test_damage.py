@@ -220,6 +220,7 @@ def test_a_flip_in_what_describes_a_finished_log_is_told_by_whoever_opens_it(
         whole[at] ^= 1 << bit
         path.write_bytes(whole)
         with LogReader(path) as log:
+            assert log.metadata.items() <= described.items(), (at, bit)
             if log.metadata != described or not log.library.startswith("rattle"):
                 changed += 1
                 assert log.damage, (at, bit)
