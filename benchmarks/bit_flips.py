@@ -1,7 +1,8 @@
 """Single flipped bits anywhere in a log, finished and crashed: how many of them are told.
 
-Returns 1 unless all are: `verify` of a finished log has to find it not sound, and who reads one, as a report
-does, has to be told or to read what was written; a crashed one has to say more than that it was cut.
+Half of the bits are drawn from all of the file, most of which are samples, half evenly from its parts.
+Returns 1 unless all are told: `verify` of a finished log has to find it not sound, and who reads one, as a
+report does, has to be told or to read what was written; a crashed one has to say more than that it was cut.
 
 Usage: python -m benchmarks.bit_flips [flips] [--seed N]
 """
@@ -10,17 +11,31 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from types import NoneType
 
 import numpy as np
+from mcap.records import Channel, Chunk, Footer, Header, MessageIndex, Metadata, Schema
 
-from benchmarks.crash_images import record
+from benchmarks.crash_images import record, records
 from daq.errors import LogError
 from daq.log.front import CUT
 from daq.log.reader import LogReader
 from daq.log.recover import verify_log
 
 _SECONDS = 2.0
+_PARTS: dict[type, str] = {
+    NoneType: "checksums",
+    Header: "header",
+    Metadata: "metadata",
+    Chunk: "chunks",
+    MessageIndex: "message indexes",
+    Schema: "schemas and channels",
+    Channel: "schemas and channels",
+    Footer: "footer",
+}
+"""By record; the others are the summary. Chunks begin with their own schemas and channels, packed."""
 
 
 def read(path: Path) -> object:
@@ -41,8 +56,28 @@ def told(path: Path, closed: bool) -> bool:
         return log.damage not in ("", CUT)
 
 
-def untold_flips(closed: bool, flips: int, seed: int) -> list[int]:
-    """Bits that can be flipped without a word, of so many tried in a log that was closed or not."""
+def bytes_of_parts(content: bytes) -> dict[str, list[int]]:
+    """Where the bytes of each part of a log are."""
+    parts: dict[str, list[int]] = {}
+    for each, begin, end in records(content):
+        parts.setdefault(_PARTS.get(type(each), "summary"), []).extend(range(begin, end))
+    return parts
+
+
+def drawn(content: bytes, flips: int, rng: np.random.Generator) -> Iterator[tuple[str, int]]:
+    """So many bits, each with the part that it is in; fewer where a part has not as many."""
+    parts = bytes_of_parts(content)
+    part_of = {place: name for name, places in parts.items() for place in places}
+    bits = {*map(int, rng.choice(8 * len(content), flips // 2, replace=False))}
+    for places in parts.values():
+        share = min(flips // 2 // len(parts), 8 * len(places))
+        some = rng.choice(8 * len(places), share, replace=False)
+        bits |= {8 * places[each // 8] + each % 8 for each in map(int, some)}
+    return ((part_of[bit // 8], bit) for bit in sorted(bits))
+
+
+def flipped(closed: bool, flips: int, seed: int) -> dict[str, list[tuple[int, bool]]]:
+    """By part: bits that were flipped in a log that was closed or not, and whether each was told."""
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.mcap"
@@ -51,15 +86,14 @@ def untold_flips(closed: bool, flips: int, seed: int) -> list[int]:
         if told(path, closed):
             raise RuntimeError("the log was damaged before a bit of it was flipped")
         whole = read(path)
-        bits = rng.choice(8 * len(written), min(flips, 8 * len(written)), replace=False)
-        untold = []
-        for bit in map(int, bits):
+        found: dict[str, list[tuple[int, bool]]] = {}
+        for part, bit in drawn(bytes(written), flips, rng):
             written[bit // 8] ^= 1 << bit % 8
             path.write_bytes(written)
-            if not told(path, closed) or (closed and read(path) not in (None, whole)):
-                untold.append(bit)
+            seen = told(path, closed) and not (closed and read(path) not in (None, whole))
+            found.setdefault(part, []).append((bit, seen))
             written[bit // 8] ^= 1 << bit % 8
-        return untold
+        return found
 
 
 def main() -> int:
@@ -67,14 +101,14 @@ def main() -> int:
     parser.add_argument("flips", nargs="?", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    wrong = 0
+    tried = wrong = 0
     for closed in (True, False):
-        count = arguments.flips // 2
-        untold = untold_flips(closed, count, arguments.seed)
-        wrong += len(untold)
-        print(
-            f"{'finished' if closed else 'crashed'}: {count - len(untold)} of {count} told; untold: {untold}"
-        )
+        for part, bits in flipped(closed, arguments.flips // 2, arguments.seed).items():
+            untold = [bit for bit, seen in bits if not seen]
+            tried, wrong = tried + len(bits), wrong + len(untold)
+            log = "finished" if closed else "crashed"
+            print(f"{log:<9}{part:<21}{len(bits) - len(untold):>5} of {len(bits)} told; untold: {untold}")
+    print(f"untold: {wrong} of {tried}")
     return int(wrong > 0)
 
 
