@@ -1,11 +1,13 @@
 """Runs of all three rigs that are killed (SIGKILL) while they record: what of each stream is lost.
 
 A run records on its emulated bench; at a random moment it is killed, one in five as its log opens, one in
-five as it closes, its log recovered, and the end of each
-measured stream held against the moment of the kill: what was measured before it and is not there is lost.
-What the emulators sent is held against the log. One bench has a thermometer that is read once a second. A run
-that ends by itself before it is killed, as on a machine too busy for the emulated line, is tried again, and
-told: one in twenty at most.
+five as it closes, its log recovered, and the end of each measured stream held against the moment of the kill:
+what was measured before it and is not there is lost.
+What the emulators sent is held against the log. Each bench has a thermometer that is read once a second.
+That the record begins is told in the log before the terminal: where that event, or what describes the run, is
+not there, all since then is lost. What is predicted comes when its twin gets to it: how much a kill costs of
+it is not judged, only that it has no hole. A run that ends by itself before it is killed, as on a machine too
+busy for the emulated line, is tried again, and told: one in twenty at most.
 Returns 1 if a log cannot be recovered, a sample is unaccounted for, or more than half a second is lost.
 
 Usage: python -m benchmarks.kills [kills] [--seed N] [--beside N]
@@ -31,7 +33,7 @@ import psutil
 from daq.block import NS_PER_S, sample_time_ns
 from daq.errors import LogError
 from daq.log.reader import LogReader
-from daq.log.records import RECORD_END
+from daq.log.records import RECORD_END, RECORD_START
 from daq.log.recover import recover_log
 from drivers.emulator_truth import TRUTH_FOLDER
 from tests.accounting import ONLY_A_HEAD, discrepancies, late_s, sent_in
@@ -53,10 +55,8 @@ RIGS = {
     "planar_slider_crank": 'speed = "200 rpm"',
     "spatial_slider_crank": 'speed = "230 rpm"',
 }
-_BESIDE = {
-    "planar_slider_crank": "[encoder]\nemulated = true\n",
-    "spatial_slider_crank": '[thermometer]\nemulated = true\nperiod = "1 s"\n',
-}
+_BESIDE = {"planar_slider_crank": "[encoder]\nemulated = true\n"}
+_THERMOMETER = '[thermometer]\nemulated = true\nperiod = "1 s"\n'
 """Slower streams, with clocks of their own."""
 _PLUGIN = ROOT / "tests" / "plugin"
 _INSTALLED = {
@@ -90,17 +90,14 @@ def killed_run(rig: str, moment: str, after_s: float, folder: Path) -> Killed:
     """A run that was killed so long after its log came, its record began, or that was to end."""
     scenario, bench = folder / "scenario.toml", folder / "bench.toml"
     scenario.write_text(_SCENARIO.format(rig=rig, drive=RIGS[rig], duration_s=_DURATION_S[moment]))
-    command = [sys.executable, "-u", "-m", "rig.start", "run", str(scenario), "--out", str(folder)]
-    if rig in _BESIDE:
-        bench.write_text(_BESIDE[rig])
-        command += ["--bench", str(bench)]
+    bench.write_text(_BESIDE.get(rig, "") + _THERMOMETER)
     package = folder / "impact_table-1.0.dist-info"
     package.mkdir()
     for name, text in _INSTALLED.items():
         (package / name).write_text(text)
     path = os.pathsep.join(map(str, (folder, _PLUGIN, ROOT)))
     with subprocess.Popen(  # noqa: S603
-        command,
+        [sys.executable, "-u", "-m", "rig.start", "run", scenario, "--bench", bench, "--out", folder],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -141,8 +138,8 @@ def _began_ns(run: subprocess.Popen[str]) -> int:
 def lost_s(killed: Killed, recovered: Path) -> dict[str, float]:
     """Seconds of each measured channel before the kill that are not in what is recovered of its log.
 
-    None are where no record was begun. Raises LogError if it cannot be recovered, or if what was sent beside
-    it is unaccounted for.
+    And of what tells of the run, where any of it is missing. None are where no record was begun. Raises
+    LogError if it cannot be recovered, or if what was sent beside it is unaccounted for.
     """
     log = killed.log
     if wrong := discrepancies(log, sent_in(log.parent)):
@@ -158,7 +155,11 @@ def lost_s(killed: Killed, recovered: Path) -> dict[str, float]:
         ends = dict.fromkeys(reader.channels("measured"), killed.began_ns)
         for _, block in reader.blocks("measured"):
             ends[block.channel] = sample_time_ns(block.time_ns, len(block), block.sample_rate)
-        ended = (event.time_ns for event in reader.events() if event.code == RECORD_END)
+        events = reader.events()
+        told = {*reader.metadata, *(event.code for event in events)}
+        if not {"scenario", "run", RECORD_START} <= told:
+            ends["events and metadata"] = killed.began_ns
+        ended = (event.time_ns for event in events if event.code == RECORD_END)
         until_ns = min(killed.killed_ns, *ended, killed.killed_ns)
     return {name: (until_ns - end) / NS_PER_S for name, end in ends.items()}
 
@@ -220,20 +221,22 @@ def main() -> int:
         "--beside", type=int, default=1, help="kills at a time; each is a busy neighbour then"
     )
     arguments = parser.parse_args()
-    lost: list[float] = []
+    lost, before = list[float](), 0
     for number, each in enumerate(worst_lost(arguments.kills, arguments.seed, arguments.beside)):
+        before += each.before
         told = "no record was begun"
         if each.seconds is not None:
             lost.append(each.seconds)
             told = f"{each.seconds:.3f} s, came up to {each.late:.3f} s late"
         print(f"{number + 1:4} {each.rig:22} {each.stream:36} {told}", flush=True)
-    print(summary(lost, arguments.kills))
+    print(summary(lost, arguments.kills, before))
     return int(max(lost, default=0.0) > MOST_LOST_S)
 
 
-def summary(lost: Sequence[float], kills: int) -> str:
-    """What so many kills come to, by what those lost that had begun to record."""
-    recovered = f"all {kills} recovered; {len(lost)} had begun to record"
+def summary(lost: Sequence[float], kills: int, before: int) -> str:
+    """What so many kills come to, by what those lost that had begun to record; as many tries ended before."""
+    again = f"; {before} more had ended before, and were tried again\n"
+    recovered = f"all {kills} recovered{again}{len(lost)} had begun to record"
     if not lost:
         return recovered
     return (

@@ -50,7 +50,8 @@ _LOAD = ("benchmarks.recording_load", "--crank", "--channels", "64", "--stall", 
 ALL = {
     "crash images": Promise(
         "A power loss leaves a log that can be read, once a first chunk is on the disk; at most the "
-        "last 1.5 s are lost, and what is missing in between is in the gap ledger.",
+        "last 1.5 s of samples, events and what describes the run are lost, the rest is as it was written; "
+        "what is missing in between is in the gap ledger.",
         ("benchmarks.crash_images", "5000"),
         ("benchmarks.crash_images", "100"),
     ),
@@ -60,7 +61,8 @@ ALL = {
         ("benchmarks.bit_flips", "200"),
     ),
     "kills": Promise(
-        "A run that is killed while it records costs at most 0.5 s of any stream.",
+        "A run that is killed while it records costs at most 0.5 s of any measured stream, and no event that "
+        "was told before.",
         ("benchmarks.kills", "300", "--beside", "2"),
         ("benchmarks.kills", "3"),
     ),
