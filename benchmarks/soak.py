@@ -12,6 +12,7 @@ import argparse
 import datetime
 import os
 import platform
+import shlex
 import subprocess
 import sys
 import time
@@ -47,6 +48,7 @@ _WATCHDOG = (
     "then)"
 )
 _LOAD = ("benchmarks.recording_load", "--crank", "--channels", "64", "--stall", "10", "--neighbour")
+_FAILING_CALLS = ("pytest", "--no-header", "tests/daq/test_disk.py")
 ALL = {
     "crash images": Promise(
         "A power loss leaves a log that can be read, once a first chunk is on the disk; at most the "
@@ -116,6 +118,13 @@ ALL = {
         (*_LOAD, "--seconds", "3600"),
         (*_LOAD, "--seconds", "30"),
     ),
+    "failing calls": Promise(
+        "Whichever call of the disk fails first (open, write, flush, sync, seek, read, close, rename; the "
+        "n-th, for n = 1, 2, ... until there is none), or a full disk: one error that stops the run, and all "
+        "that came before can be read.",
+        (*_FAILING_CALLS, "tests/daq/test_recorder.py", "-k", "test_disk or call or fail"),
+        _FAILING_CALLS,
+    ),
     "fault table": Promise(
         "Each fault that can be rehearsed, in a run of its rig: it ends as its row says, and every sample "
         "that was sent is in the log or the gap ledger.",
@@ -154,7 +163,7 @@ def section(name: str, promise: Promise, short: bool) -> tuple[str, bool]:
             printed.append(line.rstrip())
     verdict = "held" if ran.returncode == 0 else "NOT HELD"
     head = f"## {name.capitalize()}: {verdict}\n\n{promise.words}\n"
-    spent = f"{at:%Y-%m-%d %H:%M} UTC, {time.monotonic() - began:.0f} s, `python -m {' '.join(command)}`;"
+    spent = f"{at:%Y-%m-%d %H:%M} UTC, {time.monotonic() - began:.0f} s, `python -m {shlex.join(command)}`;"
     print(f"{name}: {verdict} ({time.monotonic() - began:.0f} s)", flush=True)
     return "\n".join(
         [head, spent, f"{machine()}.", "", *(f"    {line}" for line in printed), ""]

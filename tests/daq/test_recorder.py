@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
@@ -457,7 +458,7 @@ def events_of(path: Path) -> list[str]:
 
 
 class FailingDisk:
-    """Lets the `nth` of one kind of call to the file or the disk fail, and counts them."""
+    """Lets the `nth` of one kind of call to the file, its indexes or the disk fail, and counts them."""
 
     def __init__(self, call: str, nth: int) -> None:
         self.call, self.nth, self.count = call, nth, 0
@@ -492,16 +493,45 @@ class FailingDisk:
             return File(io.FileIO(path, "xb"))
 
         monkeypatch.setattr(Path, "open", open_file)
+        monkeypatch.setattr("daq.log.writer.TemporaryFile", self._open_indexes)
         for call in ("fdatasync", "fsync"):  # of the file; of its folder
             real = getattr(os, call)
             monkeypatch.setattr(os, call, lambda number, call=call, real=real: (disk(call), real(number)))
 
+    def _open_indexes(self, dir: Path) -> object:  # noqa: A002 - as the library has it
+        disk = self
 
-@pytest.mark.parametrize("call", ["open", "write", "flush", "fdatasync", "fsync", "close"])
+        class Indexes(io.BufferedRandom):
+            def write(self, data: Buffer) -> int:
+                disk("write of indexes")
+                return super().write(data)
+
+            def seek(self, place: int, whence: int = 0) -> int:
+                disk("seek of indexes")  # writes what is left
+                return super().seek(place, whence)
+
+            def read(self, size: int | None = -1) -> bytes:
+                disk("read of indexes")
+                return super().read(size)
+
+        disk("open of indexes")
+        return Indexes(TemporaryFile(dir=dir, buffering=0))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        *("open", "write", "flush", "fdatasync", "fsync", "close"),
+        *(f"{call} of indexes" for call in ("open", "write", "seek", "read")),
+    ],
+)
 def test_whatever_call_fails_first_it_is_one_error_and_a_readable_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
-    """The n-th, for n = 1, 2, ... until none is the n-th. Nothing renames a log."""
+    """The n-th, for n = 1, 2, ... until none is the n-th. Nothing renames a log.
+
+    The indexes wait in a file without a name until the log is closed; its own closing loses nothing.
+    """
     monkeypatch.setattr(recorder_module, "SYNC_S", 0.01)
     monkeypatch.setattr(writer_module, "MAXIMUM_CHUNK_AGE_S", LOOK_S)  # each block is a chunk
     for nth in range(1, 400):
