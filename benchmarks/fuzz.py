@@ -2,8 +2,9 @@
 
 Nothing but rattle's own errors may leave a decoder, and no input may take more than 256 MiB beyond what was
 there before, or 1 s of a core for each MiB begun. All are short: a long one may take 256 times its size more,
-for a recording may hold as much. An input that does is kept in tests/fuzz/corpus, where the
-tests try it from then on. Returns 1 if there is one.
+for a recording may hold as much. An input that does is kept in tests/fuzz/corpus, where the tests try it from
+then on. Returns 1 if there is one. Others that lead further are kept in .fuzz/TARGET, from which later calls
+go on.
 
 Usage: scripts/fuzz [TARGET ...] [--runs N] [--seconds S] [--jobs N]
 """
@@ -25,21 +26,22 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from benchmarks.soak import PAGE, sections_of, write_page
+from benchmarks.soak import PAGE, ROOT, sections_of, write_page
 
 _RUNS = 1_000_000
+_FOUND = ROOT / ".fuzz"
 _MOST_MB = 1024
 """Of the whole process: there libFuzzer ends it, where the bound of one input has not."""
 _LONGEST_S = 30
 _OURS = ("daq", "drivers", "rig")
 _SECTION = "Odd inputs"
 _PROMISE = """\
-Whatever a file, a log, a frame or an answer holds: nothing but an error of rattle's own comes of it, and it
-takes at most 256 MiB and 256 times its size more than was there before, and 1 s of a core for each MiB begun.
-By `scripts/fuzz`, with inputs of 16 KiB at most, which may take 256 MiB; a million are tried of each target,
-of other programs' files together. `runs` and `s` are those of all its calls, each with inputs of its own;
-each tries first what failed before, and `failures` are what still does. `MiB` is the most over all runs of a
-target, with what the fuzzer itself keeps, `s a MiB` the slowest input.
+Whatever a file, a log, a frame, an answer or a request holds: nothing but an error of rattle's own comes of
+it, and it takes at most 256 MiB and 256 times its size more than was there before, and 1 s of a core for each
+MiB begun. By `scripts/fuzz`, with inputs of 16 KiB at most, which may take 256 MiB; a million are tried of
+each target, of other programs' files together. `runs` and `s` are those of all its calls, each with inputs of
+its own: each begins with what those before it found, which is counted once. `failures` are what still fails.
+`MiB` is the most over all runs of a target, with what the fuzzer itself keeps, `s a MiB` the slowest input.
 """
 _COLUMNS = f"    {'target':<10}{'runs':>10}{'s':>8}{'1/s':>7}{'MiB':>6}{'s a MiB':>9}{'failures':>10}"
 
@@ -52,8 +54,11 @@ def fuzz(name: str, runs: int, seconds: int, seed: int, told: Path) -> None:
         from tests.fuzz.targets import CORPUS, TARGETS, Spent
 
     target, kept = TARGETS[name], CORPUS / name
+    found = _FOUND / name
+    found.mkdir(parents=True, exist_ok=True)
+    again = len(list(found.iterdir()))
     spent, places = Spent(name), dict[str, str]()
-    begun, count = time.monotonic(), 0
+    begun, count = time.monotonic(), -again
 
     def one(data: bytes) -> None:
         nonlocal count
@@ -67,18 +72,18 @@ def fuzz(name: str, runs: int, seconds: int, seed: int, told: Path) -> None:
                 path = kept / f"crash-{hashlib.sha256(data).hexdigest()[:12]}"
                 path.write_bytes(data)
                 places[what] = f"{path.name}: {what}: {error}"
-        if count % 100 == 0 or count == runs or count < 100:
-            figures = {"runs": count, "seconds": time.monotonic() - begun, "slowest": spent.seconds_a_mib,
-                       "bytes": spent.more_bytes, "failures": list(places.values())}  # fmt: skip
+        if count % 100 == 0 or count == runs or count + again < 100:
+            figures = {"runs": max(count, 0), "seconds": time.monotonic() - begun,
+                       "slowest": spent.seconds_a_mib, "bytes": spent.more_bytes,
+                       "failures": list(places.values())}  # fmt: skip
             told.write_text(json.dumps(figures))
 
-    with tempfile.TemporaryDirectory() as found:
-        options = [f"-runs={runs}", f"-max_total_time={seconds}", f"-max_len={target.longest}",
-                   f"-seed={seed}", f"-rss_limit_mb={_MOST_MB}", f"-timeout={_LONGEST_S}",
-                   f"-artifact_prefix={kept}/", "-report_slow_units=1000", "-verbosity=0",
-                   "-print_final_stats=1"]  # fmt: skip
-        atheris.Setup([sys.argv[0], *options, found, str(kept)], one)
-        atheris.Fuzz()
+    options = [f"-runs={runs + again}", f"-max_total_time={seconds}", f"-max_len={target.longest}",
+               f"-seed={seed}", f"-rss_limit_mb={_MOST_MB}", f"-timeout={_LONGEST_S}",
+               f"-artifact_prefix={kept}/", "-report_slow_units=1000", "-verbosity=0",
+               "-print_final_stats=1"]  # fmt: skip
+    atheris.Setup([sys.argv[0], *options, str(found), str(kept)], one)
+    atheris.Fuzz()
 
 
 def figures(name: str, runs: int, seconds: int, seed: int) -> dict[str, Any]:
