@@ -16,6 +16,7 @@ import canopen
 from can.interfaces.socketcand import socketcand
 from canopen.objectdictionary import import_od
 
+from daq.block import LATEST, NS_PER_S
 from daq.clock import Clock, wait_steadily
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.canopen_cia406 import frames
@@ -90,6 +91,8 @@ class SocketcandBus(socketcand.SocketCanDaemonBus):
         with suppress(BlockingIOError):  # nothing waits, and nobody has hung up
             if message is None and self._stream.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b"":
                 raise can.CanOperationError("it closed the connection")
+        if message is not None and not 0.0 <= message.timestamp < LATEST / NS_PER_S:
+            raise can.CanOperationError(f"it says that a frame came at {message.timestamp:g} s")
         return message, False
 
 

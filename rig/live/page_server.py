@@ -31,6 +31,7 @@ _HELD_S, _HEARD_S, _ANSWERS_S = 10.0, 5.0, 2.0
 _STARTS_S, _LOOK_S = 10.0, 0.05
 IDLE_S: Final = 3600.0
 _LARGEST: Final = 32 << 20
+_DIGITS: Final = 20
 _HTML: Final = "text/html; charset=utf-8"
 _FILES: Final = {
     "/": ("page.html", _HTML),
@@ -124,7 +125,7 @@ class _Handler(BaseHTTPRequestHandler):
             case "/about":
                 self._answer(json.dumps(_ABOUT | {"pid": os.getpid()}).encode())
             case "/state":
-                found = self.server.after(int(number) if number.isdecimal() else 0)
+                found = self.server.after(_whole(number) or 0)
                 if found is None:
                     self._answer(b"", status=HTTPStatus.NO_CONTENT)
                 else:
@@ -135,11 +136,11 @@ class _Handler(BaseHTTPRequestHandler):
                 self._answer(b"", status=HTTPStatus.NOT_FOUND)
 
     def do_PUT(self) -> None:
-        size = self.headers.get("Content-Length", "")
-        if not self._from_here() or not size.isdecimal() or int(size) > _LARGEST:
+        size = _whole(self.headers.get("Content-Length", ""))
+        if not self._from_here() or size is None or size > _LARGEST:
             self.close_connection = True
             return
-        body, (path, _, began) = self.rfile.read(int(size)), self.path.rpartition("/")
+        body, (path, _, began) = self.rfile.read(size), self.path.rpartition("/")
         with suppress(ValueError):
             if float(began) <= time.time() + _HEARD_S:  # else nobody would ever be newer
                 match path:
@@ -182,6 +183,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, *told: object) -> None:
         """The terminal is the run's."""
+
+
+def _whole(text: str) -> int | None:
+    """A number; None where it is none, or longer than any of ours."""
+    return int(text) if text.isdecimal() and len(text) <= _DIGITS else None
 
 
 class Teller:

@@ -29,6 +29,7 @@ from daq.log.writer import LogWriter
 from drivers.mitsubishi_fr.frames import READ, WRITE, Request, checksum
 from drivers.mitsubishi_fr.registers import MARKS, MONITOR_BLOCK, STATUS_BLOCK
 from rig.files.surrogate_file import save_surrogate
+from rig.live.page_server import PORT
 from rig.twin.recorded_samples import RIG
 from sim_twin.surrogates.surrogate import learnt_and_tested
 from tests.fuzz.targets import CORPUS, SCENARIOS
@@ -223,6 +224,15 @@ def frames() -> Iterator[tuple[str, str, bytes]]:
             for kind in (0x4F, 0x4B, 0x47, 0x42, 0x40, 0x41, 0x80, 0x60, 0x20)
         ),
     )
+    greeting, beats = b"< hi >< ok >< ok >", range(0, 60, 3)
+    frames = [f"< frame 187 {1.0 + n * 1e-3:.6f} {struct.pack('<I', n).hex().upper()} >" for n in beats]
+    yield "socketcand", "positions", greeting + "".join(frames).encode()
+    others = (
+        "< frame 707 1.001 05 >< frame 087 1.002 0102030405060708 >< error 004 1.003 >< nothing >"
+        "< frame 00000187 1.004 00 >< frame 587 1.005 4300600000000000 >< frame 187 1.006 01000000 >"
+    )
+    yield "socketcand", "kinds", greeting + others.encode()
+    yield "socketcand", "refused", b"< hi >< error could not open bus >"
     healthy = ["Agilent Technologies,33220A,1,1", '+0,"No error"']
     kept = ["0", "SIN", "9.9E37", "VPP", "1.0E1", "2", "0.5", "TRIG", "BUS", "9.9E37", "0", "1"]
     off = "0"  # when it is opened, and when it is armed
@@ -241,6 +251,19 @@ def frames() -> Iterator[tuple[str, str, bytes]]:
         "errors",
         b'Agilent Technologies,33521B,1,1\n0\n-113,"Undefined header"\n+0,"x"\n0\n1\n1e999\n\xff\n-1,"\n',
     )
+
+
+def requests() -> Iterator[tuple[str, str, bytes]]:
+    """What the page, its runs and others send."""
+    from_here = f"Host: 127.0.0.1:{PORT}\r\nOrigin: http://127.0.0.1:{PORT}\r\n"
+    asked = ("/", "/page.js", "/about", "/state?after=0", "/state?after=17", "/report", "/none")
+    yield "page", "asked", "".join(f"GET {path} HTTP/1.1\r\n{from_here}\r\n" for path in asked).encode()
+    told = [
+        f"PUT /{what}/1.5 HTTP/1.1\r\n{from_here}Content-Length: 1\r\n\r\n7" for what in ("state", "report")
+    ]
+    yield "page", "told", f"{''.join(told)}GET /report HTTP/1.1\r\n{from_here}\r\n".encode()
+    yield "page", "ended", f"DELETE / HTTP/1.1\r\n{from_here}\r\n".encode()
+    yield "page", "elsewhere", b"GET /state HTTP/1.1\r\nHost: evil.example\r\n\r\n"
 
 
 def files() -> Iterator[tuple[str, str, bytes]]:
@@ -269,7 +292,7 @@ def main() -> None:
                 seeds.append(("export", name, data))
             if name == "finished.mcap":
                 seeds += [("messages", *seed) for seed in messages(folder)]
-        seeds += [*foreign(folder), *frames(), *files(), *surrogates(folder)]
+        seeds += [*foreign(folder), *frames(), *requests(), *files(), *surrogates(folder)]
         tables = [(name, data) for target, name, data in seeds if target in ("log", "csv", "npz", "numpy")]
         seeds += [("own_rig", name, data) for name, data in tables]
     for target, name, data in seeds:

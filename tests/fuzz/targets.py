@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import io
 import math
+import socket
 import tempfile
 import time
 from collections.abc import Callable, Collection, Coroutine, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import cache, partial
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, get_args
 from unittest import mock
 
 import can
 import canopen
 import pyvisa
+from can.interfaces.socketcand import socketcand
 from canopen.objectdictionary import import_od
 from pyvisa.constants import StatusCode
 from rich.console import Console
@@ -39,7 +42,7 @@ from daq.log.recover import recover_log, verify_log
 from daq.log.writer import LogWriter
 from drivers.canopen_cia406 import frames as can_frames
 from drivers.canopen_cia406 import startup
-from drivers.canopen_cia406.link import CanLink
+from drivers.canopen_cia406.link import CanLink, SocketcandBus
 from drivers.canopen_cia406.objects import PositionLayout
 from drivers.canopen_cia406.settings import EncoderSettings
 from drivers.canopen_cia406.stream import PositionStream
@@ -60,6 +63,7 @@ from rig.files.quantity import si_value
 from rig.files.scenario import Scenario, load_scenario, parse_scenario
 from rig.files.surrogate_file import load_surrogate
 from rig.files.sweep import load_sweep
+from rig.live.page_server import PORT, PageServer
 from rig.report.page import render
 from rig.report.record import read_run
 from rig.rigs import RIGS
@@ -320,6 +324,10 @@ def _can(data: bytes) -> None:
             ),
             now_s,
         )
+    _take_all(stream)
+
+
+def _take_all(stream: PositionStream) -> None:
     stream.end()
     numbers: list[int] = []
     with suppress(RattleError):
@@ -327,6 +335,48 @@ def _can(data: bytes) -> None:
             numbers += stream.take(5, 0.0).number.tolist()
     assert all(one < two for one, two in pairwise(numbers))
     assert stream.statistics.frames == len(numbers)
+
+
+class _SaidAtOnce(socket.socket):
+    """A connection on which all of the input has come, whatever is asked, and which is hung up then."""
+
+    def __init__(self, data: bytes) -> None:
+        near, self._far = socket.socketpair()
+        super().__init__(fileno=near.detach())
+        self._far.sendall(data)
+        self._far.shutdown(socket.SHUT_WR)
+
+    def connect(self, address: object) -> None:
+        pass
+
+    def setsockopt(self, *_: object) -> None:
+        pass
+
+    def close(self) -> None:
+        self._far.close()
+        super().close()
+
+
+def _socketcand(data: bytes) -> None:
+    """The text of a server: what it says as a client comes, then frames."""
+    stream = PositionStream(_ENCODER)
+    stream.begin(PositionLayout(0, 4), 1 << 25, 0.1)
+    wire = _SaidAtOnce(data)
+    names = SimpleNamespace(**vars(socket) | {"socket": lambda *_: wire})
+    with (
+        mock.patch.object(socketcand, "socket", names),
+        mock.patch("socket.create_connection"),
+        closing(wire),
+        suppress(can.CanError, OSError),
+        SocketcandBus("can0", "x", 1, timeout_s=1.0) as bus,
+    ):
+        for beat in count():
+            message = bus.recv(0.0)
+            if message is None:
+                stream.quiet(beat * 1e-3)
+            else:
+                stream.frame(message, beat * 1e-3)
+    _take_all(stream)
 
 
 class _AnsweringBus:
@@ -409,6 +459,29 @@ def _scpi_supply(data: bytes) -> None:
         supply.close()
 
 
+# The operator's page
+
+
+class _Page(PageServer):
+    """Answers what it is handed, on no port."""
+
+    def __init__(self) -> None:
+        super().__init__(0)
+        self.server_close()
+        self.port = PORT
+        self.tell(b"{}", 0.0)
+
+    def shutdown(self) -> None:
+        pass
+
+
+def _page(data: bytes) -> None:
+    """All that a browser sends on one connection."""
+    browser = mock.Mock(**{"makefile.return_value": io.BytesIO(data)})
+    page = _Page()
+    page.RequestHandlerClass(browser, ("127.0.0.1", 1), page)
+
+
 IMPORTED = {
     "tdms": tdms.FORMAT,
     "mat": mat.FORMAT,
@@ -427,10 +500,12 @@ TARGETS = {
     "messages": Target(_messages),
     "modbus": Target(_modbus, longest=1 << 10),
     "can": Target(_can, longest=1 << 12),
+    "socketcand": Target(_socketcand, longest=1 << 12),
     "sdo": Target(_sdo, longest=1 << 9),
     "scpi": Target(_scpi, longest=1 << 12),
     "scpi_supply": Target(_scpi_supply, longest=1 << 12),
     **{name: Target(partial(_imported, kind), f".{name}") for name, kind in IMPORTED.items()},
+    "page": Target(_page, longest=1 << 12),
     "scenario": Target(lambda path: _all(partial(load_scenario, path)), ".toml"),
     "bench": Target(lambda path: _all(partial(load_bench, path)), ".toml"),
     "sweep": Target(_sweep, ".toml"),

@@ -132,6 +132,11 @@ def test_what_no_run_tells_changes_nothing(server: PageServer, path: str) -> Non
     assert ask(server, "GET", "/state") == (200, b"ours")
 
 
+def test_a_number_that_nobody_counts_to_is_none(server: PageServer) -> None:
+    server.tell(b"ours", 1.0)
+    assert ask(server, "GET", f"/state?after={'1' * 5000}") == (200, b"ours")
+
+
 def test_a_run_hands_its_report_to_the_page(server: PageServer) -> None:
     assert ask(server, "GET", "/report")[0] == 404
     teller = Teller(server.port)
