@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_twin.compiled import allocation_free, strict
-from sim_twin.vector import LANES, fused, load, pick, spread
+from sim_twin.vector import LANES, fused, load, spread, store
 
 Array = NDArray[np.float64]
-_TOGETHER = 4 * LANES
+_OUTPUTS = 4 * LANES
+"""Computed at a time."""
+_NOTHING = 1e-16
+"""A tap of a half-band filter that is only rounded off zero."""
 
 
 def decimated(fine: Array, taps: Array, factor: int, count: int) -> Array:
@@ -17,27 +20,78 @@ def decimated(fine: Array, taps: Array, factor: int, count: int) -> Array:
 
     `fine` has at least (count - 1) `factor` + len(taps) samples. A sum's bits depend on its terms only.
     """
-    padded = -len(taps) % _TOGETHER
-    samples = np.zeros((count - 1) * factor + len(taps) + padded)
-    samples[: len(samples) - padded] = fine[: len(samples) - padded]
-    weights = np.concatenate([taps[::-1], np.zeros(padded)])
-    kept = np.zeros(count)
-    _sums(samples, weights, factor, kept)
-    return kept
+    samples = (count - 1) * factor + len(taps)
+    decimation = Decimation(taps, factor, np.zeros(1, np.bool_), held=0)
+    return np.asarray(decimation.advance(fine[None, :samples], count)[0])
+
+
+class Decimation:
+    """Every `factor`-th sample of rows of signals that are filtered by `taps`, as they come.
+
+    Rows that are `plain` (bool, (rows,)) are taken as they are where the middle of the taps lies. So many
+    zeros as are `held` come before the first samples.
+    """
+
+    def __init__(self, taps: Array, factor: int, plain: NDArray[np.bool_], held: int) -> None:
+        self._factor, self._taps, self._plain = factor, len(taps), plain
+        self._at = np.flatnonzero(np.abs(taps[::-1]) > _NOTHING)
+        self._weights = taps[::-1][self._at].copy()
+        self._middle = len(taps) // 2
+        self._held = np.zeros((len(plain), held))
+
+    def missing(self, count: int) -> int:
+        """How many more input samples `count` outputs need."""
+        return (count - 1) * self._factor + self._taps - self._held.shape[1]
+
+    def advance(self, more: Array, count: int) -> Array:
+        """The next `count` outputs, shape (rows, count), once `more` inputs (rows, n) have come."""
+        factor, held = self._factor, self._held.shape[1]
+        outputs = -(-count // _OUTPUTS) * _OUTPUTS
+        columns = outputs + -(-self._taps // factor)
+        # every phase of the samples by itself, so that neighbours are those of one tap
+        phases = np.zeros((factor, len(more), columns))
+        for phase in range(factor):
+            own = self._held[:, phase::factor]
+            rest = more[:, (phase - held) % factor :: factor][:, : columns - own.shape[1]]
+            phases[phase, :, : own.shape[1]] = own
+            phases[phase, :, own.shape[1] : own.shape[1] + rest.shape[1]] = rest
+        places = self._at % factor * len(more) * columns + self._at // factor
+        kept = np.zeros((len(more), outputs))
+        _sums(phases, self._weights, places, self._plain, kept)
+        middle = phases[self._middle % factor, self._plain]
+        kept[self._plain, :count] = middle[:, self._middle // factor :][:, :count]
+        past = count * factor
+        self._held = np.hstack([self._held[:, past:], more[:, max(past - held, 0) :]])
+        return kept[:, :count]
 
 
 @allocation_free
-def _sums(samples: Array, weights: Array, factor: int, kept: Array) -> None:
-    for k in range(kept.size):
-        one, two, three, four, at = spread(0.0), spread(0.0), spread(0.0), spread(0.0), k * factor
-        for j in range(0, weights.size, 4 * LANES):
-            one = fused(load(weights, j), load(samples, at + j), one)
-            two = fused(load(weights, j + LANES), load(samples, at + j + LANES), two)
-            three = fused(load(weights, j + 2 * LANES), load(samples, at + j + 2 * LANES), three)
-            four = fused(load(weights, j + 3 * LANES), load(samples, at + j + 3 * LANES), four)
-        total = (one + two) + (three + four)
-        left = (pick(total, 0) + pick(total, 1)) + (pick(total, 2) + pick(total, 3))
-        kept[k] = left + ((pick(total, 4) + pick(total, 5)) + (pick(total, 6) + pick(total, 7)))
+def _sums(
+    phases: Array, weights: Array, places: NDArray[np.int64], plain: NDArray[np.bool_], kept: Array
+) -> None:
+    columns = phases.shape[2]
+    for r in range(kept.shape[0]):
+        moves = False
+        for p in range(phases.shape[0]):
+            for column in range(columns):
+                if phases[p, r, column] != 0.0:
+                    moves = True
+                    break
+        if plain[r] or not moves:
+            continue
+        for k in range(0, kept.shape[1], _OUTPUTS):
+            one, two, three, four = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+            for t in range(weights.size):
+                weight, at = spread(weights[t]), r * columns + places[t] + k
+                one = fused(weight, load(phases, at), one)
+                two = fused(weight, load(phases, at + LANES), two)
+                three = fused(weight, load(phases, at + 2 * LANES), three)
+                four = fused(weight, load(phases, at + 3 * LANES), four)
+            to = r * kept.shape[1] + k
+            store(kept, to, one)
+            store(kept, to + LANES, two)
+            store(kept, to + 2 * LANES, three)
+            store(kept, to + 3 * LANES, four)
 
 
 # The same bits as scipy.signal.lfilter.

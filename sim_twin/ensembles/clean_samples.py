@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from sim_twin.decimation import decimated
+from sim_twin.decimation import Decimation
 from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.rig_model import Truths
 from sim_twin.sensors import Encoder, anti_alias_taps
@@ -16,7 +16,7 @@ from sim_twin.status import Status
 from sim_twin.stream import Truth
 
 Array = NDArray[np.float64]
-_CHUNK = 2048
+_CHUNK = 512
 """Samples computed at once: what fits into the processor's own memory."""
 _LAST_FACTOR = 2
 _ATTENUATION_DB = 80.0
@@ -33,8 +33,6 @@ def clean_samples(
     `sample_rate` (Hz). Encoders give their angle at the sample instants, not counted.
     """
     truths = truths_of(variants, sample_rate * oversampling)
-    coarse = _Stage(_taps(oversampling // _LAST_FACTOR), oversampling // _LAST_FACTOR)
-    last = _Stage(anti_alias_taps(_LAST_FACTOR, 0.0), _LAST_FACTOR)
     twin = variants[0].twin
     smooth = np.array(  # read as they are
         [
@@ -42,16 +40,23 @@ def clean_samples(
             for name in twin.channels
         ]
     )
-    total = round(settle * sample_rate) + count
-    parts = []
-    for first in range(0, total, _CHUNK):
-        wanted = min(_CHUNK, total - first)
+    plain, factor = np.tile(smooth, len(variants)), oversampling // _LAST_FACTOR
+    first_taps, last_taps = _taps(factor), anti_alias_taps(_LAST_FACTOR, 0.0)
+    coarse = Decimation(first_taps, factor, plain, held=len(first_taps) // 2)
+    last = Decimation(last_taps, _LAST_FACTOR, plain, held=len(last_taps) // 2)
+    before = round(settle * sample_rate)
+    unseen = max(0, before - (len(first_taps) // factor + len(last_taps)) // _LAST_FACTOR)
+    for first in range(0, unseen, _CHUNK):
+        truths.advance(min(_CHUNK, unseen - first) * oversampling)
+    rows = np.empty((len(plain), before - unseen + count))
+    for first in range(0, rows.shape[1], _CHUNK):
+        wanted = min(_CHUNK, rows.shape[1] - first)
         between = last.missing(wanted)
-        moved = coarse.advance(truths.advance(coarse.missing(between)), between, smooth)
-        parts.append(last.advance(moved, wanted, smooth))
-    samples = np.concatenate(parts, axis=2)[:, :, total - count :]
+        fine = truths.advance(coarse.missing(between)).reshape(len(plain), -1)
+        rows[:, first : first + wanted] = last.advance(coarse.advance(fine, between), wanted)
     finished = (status is Status.COMPLETED for status in truths.statuses)
-    return [one if ended else None for one, ended in zip(samples, finished, strict=True)]
+    seen = rows[:, before - unseen :].reshape(len(variants), len(smooth), count)
+    return [one if ended else None for one, ended in zip(seen, finished, strict=True)]
 
 
 def truths_of(variants: Sequence[Variant], rate: float) -> Truths:
@@ -89,30 +94,3 @@ def _taps(factor: int) -> Array:
     edge = _PASS / _LAST_FACTOR / factor
     count, beta = signal.kaiserord(_ATTENUATION_DB, 2 * (1 / factor - 2 * edge))
     return np.asarray(signal.firwin(count | 1, 0.5 / factor, window=("kaiser", beta), fs=1.0))
-
-
-class _Stage:
-    """One decimation of all signals; what the filter reaches back to is carried from part to part."""
-
-    def __init__(self, taps: Array, factor: int) -> None:
-        self.taps, self.factor = taps, factor
-        self.half = len(taps) // 2
-        self.held: Array | None = None
-
-    def missing(self, count: int) -> int:
-        """How many more input samples `count` outputs need."""
-        held = self.half if self.held is None else self.held.shape[2]
-        return (count - 1) * self.factor + len(self.taps) - held
-
-    def advance(self, moved: Array, count: int, smooth: NDArray[np.bool_]) -> Array:
-        held = np.zeros((*moved.shape[:2], self.half)) if self.held is None else self.held
-        fine = np.concatenate([held, moved], axis=2)
-        self.held = fine[:, :, count * self.factor :].copy()
-        out = np.zeros((*fine.shape[:2], count))
-        for run, channel in np.ndindex(fine.shape[:2]):
-            row = fine[run, channel]
-            if smooth[channel] or len(self.taps) == 1:
-                out[run, channel] = row[self.half : self.half + count * self.factor : self.factor]
-            elif row.any():
-                out[run, channel] = decimated(row, self.taps, self.factor, count)
-        return out

@@ -109,7 +109,7 @@ class BeamTruths:
         for run in self._on_lanes:
             drive = self._twins[run].drive
             step = 2 * np.pi * drive.frequency / self._rate
-            rows[run, 0] = drive.force_at_steps(self._phases[run] + first * step, step, steps)
+            rows[run, 0] = drive.force_at_steps(self._phases[run], step, first, steps)
             rows[run, 3] = self._yokes[run](rows[run, 1] - rows[run, 2])
         for run, truth in self._alone.items():
             rows[run] = truth.advance(steps)

@@ -246,11 +246,14 @@ class SineDrive:
         second, third = self.second * np.sin(2 * phase), self.third * np.sin(3 * phase)
         return np.asarray(self.offset + self.amplitude * (np.sin(phase) + second + third))
 
-    def force_at_steps(self, phase: float, step: float, count: int) -> NDArray[np.float64]:
-        """Force in N at phases `phase` + k `step` (rad), k = 0 ... `count` - 1, without sines."""
+    def force_at_steps(self, phase: float, step: float, first: int, count: int) -> NDArray[np.float64]:
+        """Force in N at phases `phase` + k `step` (rad), k = `first` ... `first` + `count` - 1, without sines.
+
+        The same bits at the same k, wherever the first is.
+        """
         wide = 256
-        coarse = np.exp(1j * (phase + step * wide * np.arange(-(-count // wide))))
-        turn = np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[:count]
+        coarse = np.exp(1j * (phase + step * wide * np.arange(first // wide, -(-(first + count) // wide))))
+        turn = np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[first % wide :][:count]
         force = self.offset + self.amplitude * turn.imag
         if self.second or self.third:
             double = turn * turn
