@@ -247,7 +247,7 @@ class SineDrive:
         return np.asarray(self.offset + self.amplitude * (np.sin(phase) + second + third))
 
     def force_at_steps(self, phase: float, step: float, first: int, count: int) -> NDArray[np.float64]:
-        """Force in N at phases `phase` + k `step` (rad), k = `first` ... `first` + `count` - 1, without sines.
+        """Force in N at phases `phase` + k `step` (rad), `count` of them from k = `first` on, without sines.
 
         The same bits at the same k, wherever the first is.
         """
