@@ -59,7 +59,7 @@ ALL = {
     ),
     "flipped bits": Promise(
         "A flipped bit anywhere in a log is told, in a finished one and in one that a crash left.",
-        ("benchmarks.bit_flips", "10000"),
+        ("benchmarks.bit_flips", "11000"),
         ("benchmarks.bit_flips", "200"),
     ),
     "kills": Promise(
