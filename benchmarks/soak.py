@@ -15,6 +15,7 @@ import platform
 import shlex
 import subprocess
 import sys
+import tempfile
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -160,7 +161,8 @@ def section(name: str, promise: Promise, short: bool) -> tuple[str, bool]:
         assert ran.stdout is not None
         for line in ran.stdout:
             print(line, end="", flush=True)
-            printed.append(line.rstrip())
+            if tempfile.gettempdir() not in line:  # a folder of this machine that is gone by then
+                printed.append(line.rstrip())
     verdict = "held" if ran.returncode == 0 else "NOT HELD"
     head = f"## {name.capitalize()}: {verdict}\n\n{promise.words}\n"
     spent = f"{at:%Y-%m-%d %H:%M} UTC, {time.monotonic() - began:.0f} s, `python -m {shlex.join(command)}`;"
