@@ -382,10 +382,10 @@ def test_recordings_lie_among_the_twins_and_effects_apart_from_them(tmp_path: Pa
     def table(effects: list[dict[str, Any]], number: int) -> tuple[Table, list[int]]:
         log = tmp_path / f"{number}.mcap"
         write_log(log, record(point, effects, number, 1), scenario_text("run", point), "run", 0)
-        return read_features(log, scenario, "measured")
+        return read_features(log, scenario, "measured", names)
 
-    wide = effect("guide_clearance", scale=2.0)
-    nominal, true = (ensemble(scenario, effects, range(1000, 1006)) for effects in ([], wide))
+    wide, names = effect("guide_clearance", scale=2.0), list(healthy().channels)
+    nominal, true = (ensemble(scenario, effects, range(1000, 1006), names) for effects in ([], wide))
     healthy_run, groups = table([], 1)
     hidden_run, _ = table(wide, 2)
     # one more of them is 1; single runs of six scatter by some 15 %
