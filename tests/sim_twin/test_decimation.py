@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sim_twin.decimation import decimated
+from sim_twin.decimation import Decimation, decimated
 
 RNG = np.random.default_rng(3)
 
@@ -31,3 +31,20 @@ def test_blocks_change_no_bit(block: int) -> None:
     whole = decimated(fine, taps, 4, 800)
     parts = [decimated(fine[4 * k :], taps, 4, min(block, 800 - k)) for k in range(0, 800, block)]
     assert np.array_equal(np.concatenate(parts), whole)
+
+
+@pytest.mark.parametrize("part", [1, 7, 40])
+def test_parts_of_rows_change_no_bit_and_plain_ones_are_taken_as_they_are(part: int) -> None:
+    taps, rows = RNG.standard_normal(21), RNG.standard_normal((3, 1000))
+    plain = np.array([False, True, False])
+    rows[2] = 0.0
+    decimation, found, came = Decimation(taps, 4, plain, held=10), [], 0
+    for _ in range(0, 200, part):
+        more = decimation.missing(part)
+        found.append(decimation.advance(rows[:, came : came + more], part))
+        came += more
+    of_rows = np.concatenate(found, axis=1)[:, :200]
+    padded = np.concatenate([np.zeros(10), rows[0]])
+    assert np.array_equal(of_rows[0], decimated(padded, taps, 4, 200))
+    assert np.array_equal(of_rows[1], rows[1, :800:4])
+    assert not of_rows[2].any()

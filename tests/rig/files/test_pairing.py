@@ -13,6 +13,7 @@ from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
 from rig.surrogates.recordings import Setting
 from tests.rig.files.faulty import only_problem
+from tests.rig.files.test_free_channels import MICROPHONE
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 SOUND = (SCENARIOS / "impact_beam.toml").read_text()
@@ -74,23 +75,11 @@ def test_a_fault_of_a_channel_that_is_not_there_is_refused(fault: str) -> None:
         check_pair(parse_scenario(SOUND), bench, TODAY)
 
 
-SOUND_OF_THE_ROOM = """
-[[daq_card.channels]]
-name = "room.sound"
-physical = "cDAQ1Mod4/ai0"
-kind = "voltage"
-modelled = false
-sensitivity = 1.0
-range = "5 V"
-valid_until = 2096-01-01
-"""
-
-
 @pytest.mark.parametrize("fault", ["open:channel=crank.angle", "stuck:channel=room.sound"])
 def test_a_fault_that_an_emulated_card_cannot_have_is_refused(fault: str) -> None:
     """A counter has no sensor's cable, and what no rig has shows nothing that could stick."""
     faults = f'[emulation]\nfaults = ["daq_card.{fault}"]\n'
-    text = f"{RIGS['planar_slider_crank'].bench}{SOUND_OF_THE_ROOM}{faults}"
+    text = f"{RIGS['planar_slider_crank'].bench}{MICROPHONE}valid_until = 2096-01-01\n{faults}"
     bench = parse_bench(text, "x", Path(), "planar_slider_crank")
     scenario = parse_scenario(Setting(1, 1, 200).scenario(2.0))
     problem = only_problem(lambda: check_pair(scenario, bench, TODAY), "emulation.faults")
