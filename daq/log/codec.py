@@ -162,9 +162,9 @@ def encode_block(block: SampleBlock) -> bytes:
     else:
         message.values = block.values.astype("<f4", copy=False).tobytes()
     if len(block):
-        values = np.asarray(block.values, dtype=np.float64)
-        message.minimum, message.maximum = float(values.min()), float(values.max())
-        message.rms = float(np.sqrt(np.mean(np.square(values))))
+        message.minimum, message.maximum = float(block.values.min()), float(block.values.max())
+        values = block.values.astype(np.float64, copy=False)
+        message.rms = float(np.sqrt(values @ values / len(values)))
     return bytes(message.SerializeToString())
 
 

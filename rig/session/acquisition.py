@@ -222,8 +222,8 @@ class Acquisition:
             return
         (begin, first), rate = self._held_from, self._card.sample_rate
         time_ns = sample_time_ns(sample_time_ns(self.base.start_ns, begin, rate), first, rate)
-        rows_of_all = (np.concatenate(each) for each in zip(*(each.values for each in held), strict=True))
-        for name, row, flags in zip(self._names, rows_of_all, held[0].flags, strict=True):
+        rows = np.concatenate([each.values for each in held], axis=1)
+        for name, row, flags in zip(self._names, rows, held[0].flags, strict=True):
             if name in self.turned_off:
                 row = row - self.turned_off[name]
             samples = SampleBlock(name, first, time_ns, rate, as_logged(name, row), flags)
