@@ -31,6 +31,10 @@ _HELD_S, _HEARD_S, _ANSWERS_S = 10.0, 5.0, 2.0
 _STARTS_S, _LOOK_S = 10.0, 0.05
 IDLE_S: Final = 3600.0
 _LARGEST: Final = 32 << 20
+_SAYS: Final = 4096
+"""Bytes of what one says of itself; another program may send without end."""
+_TOO_MUCH: Final = OverflowError, RecursionError
+"""Of JSON from strangers: a number, brackets."""
 _DIGITS: Final = 20
 _HTML: Final = "text/html; charset=utf-8"
 _FILES: Final = {
@@ -263,12 +267,12 @@ def answering(port: int) -> int | None:
     link = http.client.HTTPConnection(HOST, port, timeout=_ANSWERS_S)
     try:
         link.request("GET", "/about")
-        said: Any = json.loads(link.getresponse().read())
+        said: Any = json.loads(link.getresponse().read(_SAYS))
         if said["program"] == _ABOUT["program"]:
             return int(said["pid"])
     except ConnectionRefusedError:
         return None
-    except (OSError, http.client.HTTPException, ValueError, KeyError, TypeError):
+    except (OSError, http.client.HTTPException, ValueError, LookupError, TypeError, *_TOO_MUCH):
         pass  # whoever it is
     finally:
         link.close()

@@ -149,14 +149,23 @@ def test_a_run_hands_its_report_to_the_page(server: PageServer) -> None:
     teller.close(1.0)
 
 
-def test_a_port_that_another_program_has_is_refused_with_what_to_do() -> None:
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"220 not a page\r\n",
+        b"HTTP/1.0 200 OK\r\n\r\n" + b"[" * 2000,
+        b'HTTP/1.0 200 OK\r\n\r\n{"program": "rattle live", "pid": 1e999}',
+        b'HTTP/1.0 200 OK\r\n\r\n["rattle live"]',
+    ],
+)
+def test_a_port_that_another_program_has_is_refused_with_what_to_do(said: bytes) -> None:
     with socket.create_server((HOST, 0)) as other:
         port = other.getsockname()[1]
 
         def answer() -> None:
             with other.accept()[0] as link:
                 link.recv(1000)
-                link.sendall(b"220 not a page\r\n")
+                link.sendall(said)
 
         threading.Thread(target=answer, daemon=True).start()
         with pytest.raises(
