@@ -385,10 +385,11 @@ def test_recordings_lie_among_the_twins_and_effects_apart_from_them(tmp_path: Pa
         return read_features(log, scenario, "measured", names)
 
     wide, names = effect("guide_clearance", scale=2.0), list(healthy().channels)
-    nominal, true = (ensemble(scenario, effects, range(1000, 1006), names) for effects in ([], wide))
+    # one rig in ten touches the guide where slider.force_2 and slider.force_6 are
+    nominal, true = (ensemble(scenario, effects, range(1000, 1030), names) for effects in ([], wide))
     healthy_run, groups = table([], 1)
     hidden_run, _ = table(wide, 2)
-    # one more of them is 1; single runs of six scatter by some 15 %
+    # one more of them is 1; single runs scatter by some 15 %
     assert Floor(nominal, groups).gap(healthy_run, nominal) < 1.4
     floor = Floor(true, groups)
     assert floor.gap(hidden_run, true) < 1.4
