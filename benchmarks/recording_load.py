@@ -251,8 +251,8 @@ def _seconds(process: psutil.Process) -> float:
 
 
 def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -> int:
-    if len(logs) != 1:
-        print("no log")
+    if len(logs) != 1 or not any(watched.cpu.values()):
+        print(f"nothing was recorded; ended with {watched.code}")
         return 1
     report = verify_log(logs[0])
     with LogReader(logs[0]) as log:
