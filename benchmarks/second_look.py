@@ -108,8 +108,9 @@ def looked_at(rig: str) -> bool:
         first_s, first_mb = rattle("diagnose", *logs, "--out", out, cache=cache)
         again_s, _ = rattle("diagnose", *logs, "--out", folder / "again", cache=cache)
         effects = out / "effects.json"
-        gap_s, _ = rattle("gap", logs[0], "--effects", effects, cache=cache)
-        gap_again_s, _ = rattle("gap", logs[0], "--effects", effects, cache=cache)
+        gap_s, gap_again_s = (
+            sum(rattle("gap", log, "--effects", effects, cache=cache)[0] for log in logs) for _ in range(2)
+        )
         more_s, more_mb = rattle("diagnose", *logs, more, "--out", folder / "more", cache=cache)
     most_mb = max(first_mb, more_mb)
     print(

@@ -164,16 +164,14 @@ def channel_right(case: Case) -> float | None:
     return float("channel" in effect.parameters and effect.parameters["channel"].value == truth)
 
 
-def parameter_error(case: Case) -> float | None:
-    """Relative error of the main parameter of a rightly named effect.
+def parameter_error(case: Case) -> float:
+    """Relative error of the main parameter of a single effect.
 
-    Infinite on the wrong channel and without an answer; None where something else was named.
+    Infinite where something else was named, on the wrong channel and without an answer.
     """
-    if case.answer is None:
-        return math.inf
     effect = _rightly_named(case)
     if effect is None:
-        return None
+        return math.inf
     name, truth = _main(case)
     value = effect.parameters[name].value if name in effect.parameters else None
     if not isinstance(value, int | float) or channel_right(case) == 0:
@@ -181,13 +179,11 @@ def parameter_error(case: Case) -> float | None:
     return abs(value - truth) / abs(truth)
 
 
-def parameter_covered(case: Case) -> float | None:
-    """1 if the 95 % interval of that parameter holds the truth; 0 and None as above."""
-    if case.answer is None:
-        return 0.0
+def parameter_covered(case: Case) -> float:
+    """1 if the 95 % interval of that parameter holds the truth; 0 where the error is infinite."""
     effect = _rightly_named(case)
     if effect is None:
-        return None
+        return 0.0
     name, truth = _main(case)
     interval = effect.parameters[name].interval if name in effect.parameters else None
     if interval is None or channel_right(case) == 0:

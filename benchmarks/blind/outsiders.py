@@ -21,6 +21,8 @@ SEEN = frozenset((
     "piston_drag", "oil_film", "belt_ripple", "cross_axis", "loose_mount", "neighbour_machine",
 ))  # fmt: skip
 """Classes from whose draws the diagnosis's thresholds for "unknown" were set; all others are novel to it."""
+LOOKED_FOR = frozenset(("drive_position", "slider_mass", "crank_radius"))
+"""Classes that it knows since as values of [model] that may be wrong: no more novel than these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +33,8 @@ class Outside(Cause):
 
     @property
     def novel(self) -> bool:
-        """Whether no threshold was set with its class."""
-        return self.name not in SEEN
+        """Whether no threshold was set with its class, and it is looked for by nothing."""
+        return self.name not in SEEN | LOOKED_FOR
 
 
 def outside(

@@ -142,7 +142,9 @@ def test_error_and_coverage_of_the_main_parameter() -> None:
     assert metrics.parameter_error(hidden) == pytest.approx(0.1)
     assert metrics.parameter_covered(hidden) == 1
     assert metrics.channel_right(hidden) is None
-    assert metrics.parameter_error(case("single", WRONG, CLEARANCE)) is None
+    named_wrongly = case("single", WRONG, CLEARANCE)
+    assert metrics.parameter_error(named_wrongly) == math.inf
+    assert metrics.parameter_covered(named_wrongly) == 0
 
 
 def test_the_wrong_channel_makes_the_parameter_wrong() -> None:
