@@ -1,4 +1,4 @@
-"""Runs of a rig of which values of [model] may be others than their scenarios say, and what these may be."""
+"""Runs of a rig of which values may be others than their scenarios say, and what these may be."""
 
 from __future__ import annotations
 
@@ -26,14 +26,18 @@ _NEAR, _FAR = 1.01, 1.3
 """Factors that it may be off at least, where healthy rigs differ by less."""
 _NEAR_RAD, _FAR_RAD = 0.02, 0.3
 """The same of an angle."""
+_AMPLITUDE = "drive.amplitude"
+_TIMES: Intervals = ((0.33, 0.95), (1.05, 3.0))
+"""Of the scenario's: a generator may say peak to peak or RMS, an amplifier have another gain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WithValues(Campaign):
     """Runs whose draws may give values of [model] among their effects.
 
-    Those of the name `VALUES` are in SI, those of a cause in the unit that its key has in a file. `given` is
-    what [model] gives of each run, `doubts` are the values that may be wrong there.
+    Those of the name `VALUES` are in SI, those of a cause in the unit that its key has in a file; the
+    amplitude of a drive is one of these causes, too. `given` is what [model] gives of each run, `doubts` are
+    the values that may be wrong there.
     """
 
     rig: str
@@ -45,19 +49,25 @@ class WithValues(Campaign):
 
     def changed(self, number: int, effects: tuple[Named, ...]) -> AnyTwin:
         kind = RIGS[self.rig]
-        values = dict[str, Any]()
+        values, times = dict[str, Any](), 1.0
         for name, each in effects:
             if name == VALUES:
                 values |= each
             elif _of_model(name):
                 values |= {key: float(value) * _factor(kind, key) for key, value in each.items()}
-        if not values:
+            elif name == _AMPLITUDE:
+                times = float(each[_AMPLITUDE])
+        if not values and times == 1.0:
             return Campaign.changed(self, number, effects)
         run = self.runs[number]
-        rig = kind.changed(run.twin.rig, self.given[number], values)
+        twin = run.twin
+        if values:
+            twin = replace(twin, rig=kind.changed(twin.rig, self.given[number], values))
+        if times != 1.0:
+            twin = replace(twin, drive=replace(twin.drive, amplitude=times * twin.drive.amplitude))
         runs = list(self.runs)
-        runs[number] = replace(run, twin=replace(run.twin, rig=rig))
-        others = tuple(each for each in effects if not _of_model(each[0]))
+        runs[number] = replace(run, twin=twin)
+        others = tuple(each for each in effects if not (_of_model(each[0]) or each[0] == _AMPLITUDE))
         return Campaign.changed(replace(self, runs=tuple(runs)), number, others)
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
@@ -94,8 +104,12 @@ def tolerance_of(kind: RigKind, key: str, twin: AnyTwin) -> Tolerance | None:
 
 
 def with_doubts(rig: str, campaign: Campaign, given: Sequence[Mapping[str, Any]]) -> WithValues:
-    """A campaign of which any value that its tables [model] have `given` may be wrong."""
-    runs, doubts = campaign.runs, entered_wrongly(RIGS[rig], given, campaign.runs[0].twin)
+    """A campaign of which any value that its tables [model] have `given`, or the drive, may be wrong."""
+    runs, twin = campaign.runs, campaign.runs[0].twin
+    doubts = entered_wrongly(RIGS[rig], given, twin)
+    if hasattr(twin.drive, "amplitude"):
+        amplitude = Parameter(_AMPLITUDE, "times the scenario's", _TIMES)
+        doubts += (Cause(_AMPLITUDE, "drive", (amplitude,), entered=True),)
     return WithValues(
         runs, campaign.numbers, campaign.discrepancies, rig=rig, given=tuple(given), doubts=doubts
     )

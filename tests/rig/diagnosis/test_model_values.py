@@ -70,6 +70,15 @@ def test_a_value_may_be_wrong_unless_an_effect_is_of_it_or_the_rig_has_none(
     assert all(cause.entered for cause in found.values())
 
 
+def test_a_drive_may_have_another_amplitude_if_it_has_one() -> None:
+    beam = of(BEAM)
+    run = beam.changed(0, draw(beam, "drive.amplitude", 1.4).effects)
+    assert run.drive.amplitude == pytest.approx(1.4 * 9.0)
+    assert run.drive.frequency == nominal(BEAM).drive.frequency
+    assert run.rig == nominal(BEAM).rig
+    assert all("drive.amplitude" not in by_key(of(rig).doubts) for rig in (CRANK, SPATIAL))
+
+
 def test_a_value_lies_where_effects_of_its_part_do() -> None:
     places = {key: cause.location for rig in (BEAM, CRANK) for key, cause in by_key(of(rig).doubts).items()}
     assert places["beam_length"] == "beam"
@@ -89,7 +98,7 @@ def test_what_runs_do_not_share_is_no_value_of_the_rig() -> None:
 def test_a_wrong_value_lies_farther_off_than_healthy_rigs_and_where_a_file_may_have_it(rig: str) -> None:
     campaign, kind = of(rig), RIGS[rig]
     twin = campaign.runs[0].twin
-    for key, cause in by_key(campaign.doubts).items():
+    for key, cause in by_key(entered_wrongly(kind, [{}], twin)).items():
         [parameter] = cause.parameters
         meaning = kind.numbers[key].meaning
         assert isinstance(meaning, Quantity)
