@@ -288,11 +288,13 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
         channels = log.channels("measured")
         twin = logged_twin(log, scenario)
         model = twin.model
-        wanted = [name for name in twin.channels if name in channels]
-        for name in wanted:
-            unit = model.channel_unit(name)
-            if channels[name].unit != unit:
-                raise RunUnusable(path, f"{name} is in {channels[name].unit}, the twin's in {unit}")
+        there = [name for name in twin.channels if name in channels]
+        foreign = {
+            name: f"{name} is in {channels[name].unit}, the twin's in {model.channel_unit(name)}"
+            for name in there
+            if channels[name].unit != model.channel_unit(name)
+        }
+        wanted = [name for name in there if name not in foreign]
         ends = [end_s for end_s in (log.until_stop_s, longest_s) if end_s is not None]
         record = log.metadata.get("run", NOTHING)
         lost = lost_of(log, wanted, min(ends, default=None))
@@ -302,7 +304,7 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
             lost[model.reference] = _turned(sent[ENCODER_ANGLE.name], beside)
         unfinished = _unfinished(log, wanted, longest_s)
     kept, losses = usable(lost)
-    reference = _reference(path, twin, wanted, lost, kept)
+    reference = _reference(path, twin, wanted, lost, kept, foreign)
     grid = _resampled(kept, twin, reference)
     rate, records, sound = grid.rate, grid.records, grid.sound
     cycles = _cycles(path, twin, reference, records[reference], rate)
@@ -317,14 +319,15 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
     setting = setting_of(followed, names, rate, whole, grid.quiet, reference)
     if not setting.columns.coupled:
         raise RunUnusable(path, f"nothing but {', '.join(names)}; there is no response to compare")
-    odd = [f"{name} is not used: its rate is too far below that of the others" for name in grid.slow]
+    odd = [f"{each}: it is not used" for each in foreign.values()]
+    odd += [f"{name} is not used: its rate is too far below that of the others" for name in grid.slow]
     if reference != model.reference or reference not in wanted:
         told_by = reference if reference in wanted else ENCODER_ANGLE.name
         odd.append(f"{told_by} tells the cycles in place of {model.reference}")
     if abs(slip) > FREQUENCY_TOLERANCE:
         odd.append(f"its mean speed is {_told_slip(slip)}; the twin runs as fast as the rig did")
     remarks = (*unfinished, *losses, *odd, *_remarks(twin, channels, kept, records, reference))
-    left_out = tuple(name for name in wanted if name not in names)
+    left_out = tuple(name for name in there if name not in names)
     return _Run(path, followed, records, sound, setting, whole, slip, remarks, left_out, scenario, record)
 
 
@@ -344,18 +347,27 @@ def _unfinished(log: LogReader, wanted: Sequence[str], longest_s: float | None) 
 
 
 def _reference(
-    path: Path, twin: AnyTwin, measured: Sequence[str], lost: Mapping[str, Lossy], kept: Mapping[str, Lossy]
+    path: Path,
+    twin: AnyTwin,
+    measured: Sequence[str],
+    lost: Mapping[str, Lossy],
+    kept: Mapping[str, Lossy],
+    foreign: Mapping[str, str],
 ) -> str:
-    """The best channel that tells the cycles; what stands for one that was not measured comes last."""
+    """The best channel that tells the cycles; what stands for one that was not measured comes last.
+
+    `foreign` says of channels what keeps them from being used.
+    """
     model = twin.model
     names = [model.reference, *model.channels.with_role(*FOLLOWS)]
     for name in sorted(names, key=lambda each: each not in measured):
         if name in kept:
             return name
     if not measured:
-        raise RunUnusable(path, "nothing was measured")
+        raise RunUnusable(path, "; ".join(foreign.values()) or "nothing was measured")
     if model.reference not in lost:
-        raise RunUnusable(path, f"no {model.reference}; without it nobody knows the phase of a cycle")
+        why = foreign.get(model.reference, f"no {model.reference}")
+        raise RunUnusable(path, f"{why}; without it nobody knows the phase of a cycle")
     each = lost[model.reference]
     raise RunUnusable(
         path,

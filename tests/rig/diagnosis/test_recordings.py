@@ -290,11 +290,23 @@ def test_a_scenario_of_another_speed_is_refused_with_the_measured_one(log: Path)
         recorded([write(log, crank(), wrong)])
 
 
-def test_a_channel_in_another_unit_is_refused(log: Path) -> None:
+def test_a_channel_in_another_unit_is_not_used_unless_it_tells_the_cycles(log: Path) -> None:
     channels, samples = beam()
-    odd = tuple(Channel(c.name, "V" if c.name == YOKE else c.unit) for c in channels)
-    with pytest.raises(LogError, match=r"run\.mcap: yoke\.force is in V, the twin's in N"):
-        recorded([write(log, (odd, samples), BEAM)])
+
+    def in_volts(*names: str) -> Path:
+        log.unlink(missing_ok=True)
+        odd = tuple(Channel(c.name, "V" if c.name in names else c.unit) for c in channels)
+        return write(log, (odd, samples), BEAM)
+
+    found = recorded([in_volts(YOKE)])
+    [run] = found.campaign.runs
+    assert YOKE not in run.columns.channels
+    assert len(run.columns.channels) > 1
+    assert "yoke.force is in V, the twin's in N: it is not used" in " ".join(found.remarks)
+    with pytest.raises(LogError, match=r"drive\.force is in V, the twin's in N; without it nobody knows"):
+        recorded([in_volts("drive.force")])
+    with pytest.raises(LogError, match=r"drive\.force is in V.*; yoke\.force is in V"):
+        recorded([in_volts(*(c.name for c in channels))])
 
 
 def test_what_is_no_log_or_not_there_is_refused(tmp_path: Path) -> None:
