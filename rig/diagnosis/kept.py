@@ -6,6 +6,7 @@ them, then records of digest, length, checksum and content, appended as they com
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import inspect
 import os
@@ -138,7 +139,9 @@ class _KeptRuns:
             return
         self._begin = version_of(setting).encode() + b"\n"
         try:
-            content = path.read_bytes()
+            with path.open("rb") as file:
+                fcntl.flock(file, fcntl.LOCK_SH)  # else what another diagnosis is adding would look damaged
+                content = file.read()
         except OSError:
             content = b""
         if not content.startswith(self._begin) or len(content) > _MOST_A_FILE:
@@ -168,6 +171,7 @@ class _KeptRuns:
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             with self._path.open(mode) as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
                 file.write(content)
         except OSError as error:
             self._tell(f"what is simulated is not kept: {self._path}: {error.strerror}")

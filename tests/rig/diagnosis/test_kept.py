@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
+import resource
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -144,3 +147,43 @@ def test_a_full_disk_is_told_once_and_the_answer_is_the_same(folder: Path) -> No
     assert len(told) == 1
     assert "is not kept" in told[0]
     assert same(found, campaign.observe(DRAWS))
+
+
+def test_a_disk_that_gets_full_within_a_record_costs_that_record(folder: Path) -> None:
+    campaign = Campaign((setting("9 N"),))
+    first, _, _ = looked(campaign)
+    (file,) = folder.iterdir()
+    whole = file.stat().st_size
+    file.unlink()
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (whole - 50, usual[1]))
+    try:
+        found, count, told = looked(campaign)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert count == 2
+    assert [("is not kept" in each) for each in told] == [True]
+    again, count, told = looked(campaign)
+    assert count == 1
+    assert "is damaged" in told[0]
+    assert same(first, found)
+    assert same(first, again)
+
+
+def test_what_another_diagnosis_is_writing_is_waited_for(folder: Path) -> None:
+    campaign = Campaign((setting("9 N"),))
+    looked(campaign)
+    (file,) = folder.iterdir()
+    content = file.read_bytes()
+    with file.open("r+b") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        other.truncate(len(content) - 50)
+        answers = list[tuple[Any, int, list[str]]]()
+        looking = threading.Thread(target=lambda: answers.append(looked(campaign)))
+        looking.start()
+        looking.join(0.2)
+        assert looking.is_alive()
+        other.seek(0)
+        other.write(content)
+    looking.join(60.0)
+    assert answers[0][1:] == (0, [])
