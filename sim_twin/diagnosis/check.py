@@ -103,13 +103,13 @@ def _said(subject: Subject, measured: Blocks, _: Execute, __: int) -> Iterator[s
 
 def _same_draws(subject: Subject, measured: Blocks, _: Execute, seed: int) -> Iterator[str]:
     """In this process, so that what fails is told with its place."""
-    cause = subject.causes[0]
-    [values] = drawn((cause,), 1, np.random.default_rng(seed))
-    effects = named((cause,), values)
-    draws = [
-        Draw((), seed, blocks=2), Draw((), seed + 1, blocks=2), Draw((), seed),
-        Draw(() if cause.sensing else effects, seed, ((), effects) if cause.sensing else ((), ())),
-    ]  # fmt: skip
+    rng = np.random.default_rng(seed)
+    draws = [Draw((), seed, blocks=2), Draw((), seed + 1, blocks=2), Draw((), seed)]
+    for cause in subject.causes:  # each may have a branch of its own
+        [values] = drawn((cause,), 1, rng)
+        effects = named((cause,), values)
+        moving, shown = ((), ((), effects)) if cause.sensing else (effects, ((), ()))
+        draws.append(Draw(moving, seed, shown))
     try:
         first, again = subject.observe(draws), subject.observe(draws[::-1])[::-1]
     except Exception as error:
@@ -161,7 +161,10 @@ def _parameters(
         names = [f"{cause.name}.{parameter.name}" for parameter in cause.parameters]
         places = [of.get((cause, k), []) for k in range(len(names))]
         if not any(places):
-            remarks.append(f"every rig with {cause.name} failed: it can neither be found nor ruled out")
+            faults.append(
+                f"every rig with {cause.name} failed, so that it could neither be found nor ruled out: give "
+                "it values that a rig can have, or leave it out"
+            )
             continue
         moved = [np.ptp(each, axis=0) if len(each) > 1 else None for each in places]
         if (

@@ -48,12 +48,16 @@ class Little:
         rig, each = 0.3 * rng.standard_normal(6), self.block * rng.standard_normal((blocks, 6))
         numbers = _MEANS + np.array([1, 1, 1, 1, 5, 5]) * (rig + each)
         for name, values in effects:
+            if name == "push" and self.wrong == "push fails":
+                return None
             if name == "push":
                 size = float(values["size"])
                 place = 0.5 if self.wrong == "misspelt" else float(values["place"])
                 numbers[:, :4] += size * np.array([1.0, 1 - place, place, 1.0])
             if name == "gain" and self.wrong != "no gain":
                 numbers[:, 4:] *= float(values["factor"])
+                if self.wrong == "no seed in gain":
+                    numbers[:, 4:] += np.random.default_rng().standard_normal(2)
         if self.wrong == "faint":
             numbers[:, :4] = numbers[:, :4] * 1e-3 + 1e4 * each[:, :4]
         if self.wrong == "dead":
@@ -86,10 +90,12 @@ def test_a_sound_subject_is_told_nothing_and_finds_again_what_is_hidden() -> Non
     [
         (Little(wrong="raises"), r"observe failed: KeyError: 'sise' \(test_check.py, line \d+\)"),
         (Little(wrong="no seed"), "the same draw gives other numbers"),
+        (Little(wrong="no seed in gain"), "the same draw gives other numbers"),
         (Little(wrong="one rig"), "every healthy rig is the same: draw.seed is not used"),
         (Little(wrong="blocks"), r"fingerprint of shape \(3, 6\), wanted is \(2, 6\)"),
         (Little(wrong="misspelt"), "push.place moves nothing: does observe take it by that name"),
         (Little(wrong="no gain"), "gain changes nothing: does observe look for factor"),
+        (Little(wrong="push fails"), "every rig with push failed, so that it could neither"),
         (Little(wrong="all fail"), "32 of 32 healthy rigs failed"),
         (Little(causes=()), "no cause is named"),
         (Little(causes=(PUSH, PUSH)), "push is there twice"),
