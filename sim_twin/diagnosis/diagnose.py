@@ -105,20 +105,25 @@ def diagnose(
     searched = searching.share
     ranked = of_a_part(ranked, searched)
     measure = gap_measure(library.fingerprints(()), subject.layout)
-    rigs = max(_FEWEST_ABOUT, effort.judge // 2)
+    rigs = max(_FEWEST_ABOUT, effort.judge // 3)
     explaining = Explaining(search, attribution, measure, rigs, judging, rng)
-    explanation = explaining.completed(explaining.explained(ranked[0]))
+    alone_in_it = explaining.explained(ranked[0])
+    explanation = explaining.completed(alone_in_it)
     known = search.bring_back([(cause,) for cause in explanation.best.hypothesis])
     if known or explanation.best.hypothesis != ranked[0].hypothesis:  # values may have been doubted meanwhile
         attribution = search.learn()
+    if any((cause,) not in attribution.emulators for cause in explanation.best.hypothesis):
+        explanation = alone_in_it  # there was no time to bring back what would be beside it
     ranked = explaining.believed(ranked, explanation)
     focus, left = explanation.focus, explanation.left
     belief = belief_of(attribution, ranked, left, searched)
     fitted_to, judged_on = halves(measured)
-    candidates = _candidates(ranked, attribution)
+    candidates = candidates_of(ranked, search, attribution)
     fits = refitted(candidates, attribution, fitted_to, rng)
     if focus is not None:
-        fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, rng))
+        moments = attribution.moments
+        worth = moments.worth(told, len(measured)) * len(fitted_to) / len(measured)
+        fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, worth, rng))
     repaired = _repaired(fits, focus, effort.judge // _CONFIRMING, judging, rng)
     chosen, twins, belief = _chosen(candidates, repaired, belief, measure, judged_on)
     distances = separability(attribution, ranked, rng)
@@ -211,10 +216,19 @@ def _chosen(
     return chosen, twins, belief
 
 
-def _candidates(ranked: Sequence[Ranked], attribution: Attribution) -> list[Ranked]:
-    """The most probable explanations with an effect, of those that no run alone ruled out."""
+def candidates_of(ranked: Sequence[Ranked], search: Search, attribution: Attribution) -> list[Ranked]:
+    """The most probable explanations with an effect, of those that no run alone ruled out.
+
+    With them the first without each one of its causes, so that each has to earn its place.
+    """
     known, effects = attribution.emulators, (each for each in ranked if effects_of(each.hypothesis))
-    return [each for each in effects if all((one,) in known for one in each.hypothesis)][:_JUDGED]
+    best = [each for each in effects if all((one,) in known for one in each.hypothesis)][:_JUDGED]
+    found = best[0].hypothesis if best else ()
+    less = [tuple(cause for cause in found if cause is not one) for one in found]
+    there = {each.hypothesis for each in best}
+    fewer = [each for each in less if effects_of(each) and each not in there]
+    weighed = search.weigh(attribution, fewer)
+    return [*best, *(Ranked(each.hypothesis, 0.0, each.posterior, each.misfit) for each in weighed)]
 
 
 def _repaired(

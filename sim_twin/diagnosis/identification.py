@@ -230,10 +230,9 @@ def _posterior(
             f"only {near.sum()} of {rigs_of_a_round(len(about.wides))} rigs could be simulated",
             "are the ranges of the values such as a rig can have?",
         )
-    space, regression, response = followed(
-        local[near], features[near], moments, moments.worth(told, len(measured)), rng
-    )
-    place = regression(space.scaled(moments(measured)).mean(axis=0)) - response.centre
+    following = followed(local[near], features[near], moments, rng)
+    response = following.response(moments.worth(told, len(measured)))
+    place = following.summary(moments(measured)) - response.centre
     # the prior, standard normal in the places, in the local coordinates
     pull = response.slope.T @ response.precision
     covariance = np.linalg.inv(pull @ response.slope + root.T @ root)
@@ -256,8 +255,7 @@ def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.ra
     if len(library) < _FEWEST_OF_ALL / 2:
         raise SimulationFailed("hardly any rig could be simulated at that setting", "try another")
     moments = Moments(subject.layout)
-    response = followed(
-        np.array(library.places), np.array(library.features), moments, moments.worth((), _BLOCKS), rng
-    )[2]
+    following = followed(np.array(library.places), np.array(library.features), moments, rng)
+    response = following.response(moments.worth((), _BLOCKS))
     covariance = np.linalg.inv(response.slope.T @ response.precision @ response.slope + np.eye(len(root)))
     return np.asarray(np.sqrt(np.diag(root @ covariance @ root.T)))

@@ -251,10 +251,12 @@ def response_of(places: Array, regression: Regression, shown: Array, blocks: Arr
     fit = solved @ regression.left_out
     leverage = np.sum(given * solved.T, axis=1)
     residual = (regression.left_out - given @ fit) / (1 - leverage[:, None])
-    # what measured summaries scatter less than simulated ones, being of more blocks
-    less = np.sqrt(np.maximum(1 / _BLOCKS - 1 / blocks, 0.0))
-    apart = (less * (shown[:, 0] - shown[:, 1])) @ regression.weights
-    scatter = residual.T @ residual / count - apart.T @ apart / (2 * len(apart))
+    scatter = residual.T @ residual / count
+    # what measured summaries scatter more than simulated ones, being of fewer blocks, or less, of more
+    more = 1 / blocks - 1 / _BLOCKS
+    for sign in (1, -1):
+        apart = (np.sqrt(np.maximum(sign * more, 0.0)) * (shown[:, 0] - shown[:, 1])) @ regression.weights
+        scatter = scatter + sign * apart.T @ apart / (2 * len(apart))
     values, vectors = np.linalg.eigh(scatter)
     precision = (vectors / np.maximum(values, _LEAST_SCATTER * np.median(values))) @ vectors.T
     slope = fit[1:].T
@@ -264,14 +266,29 @@ def response_of(places: Array, regression: Regression, shown: Array, blocks: Arr
     return Response(fit[0], slope, precision, regression.left_out - fit[0])
 
 
-def followed(
-    local: Array, features: Array, moments: Moments, blocks: Array, rng: np.random.Generator
-) -> tuple[Space, Regression, Response]:
+@dataclass(frozen=True, slots=True)
+class Following:
+    """How rigs' features follow their `local` places (n, values); `shown` (n, blocks, features) is scaled."""
+
+    space: Space
+    regression: Regression
+    local: Array
+    shown: Array
+
+    def summary(self, features: Array) -> Array:
+        """Of features (blocks, features): where the places lie that they tell."""
+        return self.regression(self.space.scaled(features).mean(axis=0))
+
+    def response(self, blocks: Array) -> Response:
+        """How summaries of so many measured `blocks` of each feature follow the places."""
+        return response_of(self.local, self.regression, self.shown, blocks)
+
+
+def followed(local: Array, features: Array, moments: Moments, rng: np.random.Generator) -> Following:
     """How rigs' features (n, blocks, features) follow their local places (n, values)."""
     space = space_of(features[:, 0], features[:0, 0], moments.tolerance, _DIRECTIONS)
     shown = space.scaled(features) + _between_programs(moments, space.scale, len(features), rng)[:, None]
-    regression = regressed(shown.mean(axis=1), local)
-    return space, regression, response_of(local, regression, shown, blocks)
+    return Following(space, regressed(shown.mean(axis=1), local), local, shown)
 
 
 def _between_programs(moments: Moments, scale: Array, count: int, rng: np.random.Generator) -> Array:

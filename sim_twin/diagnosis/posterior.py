@@ -49,6 +49,11 @@ class Posterior:
     log_evidence: float
     logs: Array | None = None
 
+    @property
+    def likeliest(self) -> int:
+        """Which of the places is."""
+        return int(np.argmax(self.weights if self.logs is None else self.logs))
+
     def central(self, place: Array) -> Array:
         """A middle `place` (dimensions,) if it is as likely as what counts; else one of these.
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from sim_twin.diagnosis.attribution import coordinates_of
 from sim_twin.diagnosis.cause import Hypothesis, allowed_by, places_of, values_of
 from sim_twin.diagnosis.library import order_of
-from sim_twin.diagnosis.matching import Regression, Response, followed
+from sim_twin.diagnosis.matching import Following, followed
 from sim_twin.diagnosis.posterior import Posterior, integrate
 from sim_twin.diagnosis.search import Ranked
-from sim_twin.diagnosis.space import Moments, Space
+from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Execute
 
 Array = NDArray[np.float64]
@@ -55,18 +55,17 @@ class Focus:
     places: Array
     rigs: Array
     moments: Moments
-    space: Space
-    regression: Regression
-    response: Response
+    following: Following
 
-    def posterior(self, measured: Blocks, rng: np.random.Generator) -> Posterior:
-        """What `measured` blocks (n, numbers) say of the parameters, within the bounds."""
-        seen = self.regression(self.space.scaled(self.moments(measured)).mean(axis=0)) - self.response.centre
+    def posterior(self, measured: Blocks, worth: Array, rng: np.random.Generator) -> Posterior:
+        """What `measured` blocks (n, numbers), of each feature `worth` so many, say within the bounds."""
+        response = self.following.response(worth)
+        seen = self.following.summary(self.moments(measured)) - response.centre
 
         def log_likelihood(v: Array) -> Array:
             u = self.low + (self.high - self.low) * v
-            off = seen - self._local(u) @ self.response.slope.T
-            logs = -0.5 * np.sum(off @ self.response.precision * off, axis=1)
+            off = seen - self._local(u) @ response.slope.T
+            logs = -0.5 * np.sum(off @ response.precision * off, axis=1)
             return np.where(allowed_by(self.hypothesis, values_of(self.hypothesis, u)), logs, -1e12)
 
         found = integrate(log_likelihood, len(self.low), rng)
@@ -108,12 +107,15 @@ def refocused(
     parameters or too few rigs came out, the explanation stays as it was.
     """
     focus: Focus | None = None
+    size = sum(len(cause.parameters) for cause in ranked.hypothesis)
+    rigs = _Rigs(np.zeros((0, size)), np.zeros((0, _BLOCKS, measured.shape[1]), np.float32))
+    worth = moments.worth(told, len(measured))
     for wider in _WIDER if ranked.hypothesis else ():
-        found = _about(ranked, wider, moments, moments.worth(told, len(measured)), count, execute, rng)
-        if found is None:
+        rigs = rigs.about(_drawn(ranked, wider, count, rng), ranked.hypothesis, execute, rng)
+        if len(rigs.places) < _FEWEST:
             break
-        before, focus = _deviations(ranked), found
-        ranked = replace(ranked, posterior=focus.posterior(measured, rng))
+        before, focus = _deviations(ranked), _focused(ranked.hypothesis, rigs, moments, rng)
+        ranked = replace(ranked, posterior=focus.posterior(measured, worth, rng))
         if np.all(_deviations(ranked) > _NARROWED * before):
             break
     return ranked, focus
@@ -124,34 +126,37 @@ def _deviations(ranked: Ranked) -> Array:
     return np.asarray(np.sqrt(weights @ (places - weights @ places) ** 2))
 
 
-def _about(
-    ranked: Ranked,
-    wider: float,
-    moments: Moments,
-    worth: Array,
-    count: int,
-    execute: Execute,
-    rng: np.random.Generator,
-) -> Focus | None:
-    hypothesis = ranked.hypothesis
-    u = _drawn(ranked, wider, count, rng)
-    order = order_of({hypothesis: values_of(hypothesis, u)}, rng, blocks=_BLOCKS)
-    places, shown = [], []
-    for cases, observed in zip(order.cases, execute(order.draws), strict=True):
-        for (_, values), blocks in zip(cases, observed, strict=bool(observed)):
-            if blocks is not None:
-                places.append(places_of(hypothesis, values[None])[0])
-                shown.append(blocks)
-    if len(shown) < _FEWEST:
-        return None
-    known, fingerprints = np.array(places), np.array(shown, dtype=np.float64)
-    features = moments(fingerprints)
-    space, regression, response = followed(_standard(hypothesis, known, known), features, moments, worth, rng)
+@dataclass(frozen=True, slots=True)
+class _Rigs:
+    """Rigs of one hypothesis: `places` (n, parameters), `shown` (n, blocks, numbers)."""
+
+    places: Array
+    shown: Blocks
+
+    def about(self, u: Array, hypothesis: Hypothesis, execute: Execute, rng: np.random.Generator) -> _Rigs:
+        """Rigs at new places (n, parameters), and those of these that lie among them."""
+        order = order_of({hypothesis: values_of(hypothesis, u)}, rng, blocks=_BLOCKS)
+        places, shown = [], []
+        for cases, observed in zip(order.cases, execute(order.draws), strict=True):
+            for (_, values), blocks in zip(cases, observed, strict=bool(observed)):
+                if blocks is not None:
+                    places.append(places_of(hypothesis, values[None])[0])
+                    shown.append(blocks)
+        if not places:
+            return _Rigs(self.places[:0], self.shown[:0])
+        new = np.array(places)
+        among = np.all((self.places >= new.min(axis=0)) & (self.places <= new.max(axis=0)), axis=1)
+        return _Rigs(np.concatenate([new, self.places[among]]), np.concatenate([shown, self.shown[among]]))
+
+
+def _focused(hypothesis: Hypothesis, rigs: _Rigs, moments: Moments, rng: np.random.Generator) -> Focus:
+    known, fingerprints = rigs.places, rigs.shown.astype(np.float64)
+    following = followed(_standard(hypothesis, known, known), moments(fingerprints), moments, rng)
     low, high = known.min(axis=0), known.max(axis=0)
     margin = _MARGIN * (high - low) + _STEP
     return Focus(
         hypothesis, np.clip(low - margin, 0.0, 1.0), np.clip(high + margin, 0.0, np.nextafter(1.0, 0.0)),
-        known, fingerprints[:, 0], moments, space, regression, response,
+        known, fingerprints[:, 0], moments, following,
     )  # fmt: skip
 
 

@@ -78,10 +78,10 @@ class Ranked:
 
     def best(self) -> Array:
         """The middle of the posterior, shape (parameters,); its most probable place where that may not be."""
-        values, weights = self.values(), self.posterior.weights
+        values = self.values()
         middle = np.array([e.value for e in self.estimates()])
         if not allowed_by(self.hypothesis, middle[None])[0]:
-            return np.asarray(values[int(np.argmax(weights))])
+            return np.asarray(values[self.posterior.likeliest])
         place = places_of(self.hypothesis, middle[None])[0]
         central = self.posterior.central(place)
         return middle if central is place else np.asarray(values_of(self.hypothesis, central[None])[0])
@@ -402,11 +402,13 @@ class Search:
         share = {name: 1 / len(set(names)) / names.count(name) for name in names}
         entered = [cause.name for cause in self.causes if cause.entered]
         share |= {name: _DOUBTED / len(entered) for name in entered}
+        whole = sum(share[cause.name] for cause in self.causes)
+        share = {name: part / whole for name, part in share.items()}
         found = []
         for h in hypotheses:
             prior = BEFOREHAND[len(h)] * factorial(len(h)) * prod(share[cause.name] for cause in h)
             posterior = attribution.posterior(h, place, self.rng, effort)
-            best = values_of(h, posterior.places[[int(np.argmax(posterior.weights))]])
+            best = values_of(h, posterior.places[[posterior.likeliest]])
             misfit = float(attribution.misfit(h, best, place)[0])
             found.append(Weighed(h, posterior.log_evidence + float(np.log(prior)), posterior, misfit))
         return found

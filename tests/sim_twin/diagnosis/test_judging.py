@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Belief, Unexplained, belief_of, of_a_part
+from sim_twin.diagnosis.diagnose import candidates_of
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.judging import (
     gap_between,
@@ -25,7 +26,7 @@ from sim_twin.diagnosis.judging import (
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
-from tests.sim_twin.diagnosis.toy import BLOCKS, DIRECTIONS, LEFT, RIGHT, Toy, recording
+from tests.sim_twin.diagnosis.toy import BLOCKS, DIRECTIONS, GAIN, LEFT, RIGHT, Toy, recording
 
 TOY = Toy()
 RIG = 10**6
@@ -243,3 +244,19 @@ def test_evidence_of_a_part_of_a_search_counts_by_as_much() -> None:
         )
     ]
     assert odds[1] == pytest.approx(np.sqrt(odds[0]))
+
+
+def test_each_of_what_was_found_is_held_against_all_but_it() -> None:
+    attribution, ranked, library = searched()
+    search = Search(TOY, recording(LEFT_2, RIG), TOY.observe, np.random.default_rng(0), library, 220)
+    three = replace(ranked[0], hypothesis=(GAIN, LEFT, RIGHT))
+    held = candidates_of([three, *ranked], search, attribution)
+    assert held[0] is three
+    assert {(GAIN, LEFT), (GAIN, RIGHT), (LEFT, RIGHT)} <= {each.hypothesis for each in held}
+    # with parameters that fit
+    pair = next(each for each in held if each.hypothesis == (GAIN, LEFT))
+    assert pair.best().shape == (2,)
+    # (a rig without the third mends as much: it is left out)
+    repaired = {(GAIN, LEFT, RIGHT): twins(2.0), (GAIN, LEFT): twins(2.0)}
+    found = without_idle_partners(three, held, repaired, measure(), recording(LEFT_2, RIG, 2))
+    assert found.hypothesis == (GAIN, LEFT)

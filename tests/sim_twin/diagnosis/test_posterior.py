@@ -154,3 +154,10 @@ def test_the_same_seed_gives_the_same_bits() -> None:
     one, other = (found(np.array([0.3, 0.6]), np.array([0.05, 0.02]), 9) for _ in range(2))
     assert one.log_evidence == other.log_evidence
     assert np.array_equal(one.places, other.places)
+
+
+def test_the_likeliest_place_is_none_that_was_drawn_where_few_were() -> None:
+    places = np.array([[0.2], [0.5], [0.51]])
+    drawn = Posterior(places, np.array([0.6, 0.2, 0.2]), 0.0, logs=np.array([-3.0, -0.1, 0.0]))
+    assert drawn.likeliest == 2
+    assert Posterior(places, np.array([0.2, 0.6, 0.2]), 0.0).likeliest == 1

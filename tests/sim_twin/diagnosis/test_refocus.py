@@ -110,3 +110,28 @@ def test_without_time_what_the_search_found_stays() -> None:
     )
     assert found is ranked
     assert focus is None
+
+
+def test_fewer_blocks_say_less() -> None:
+    measured = recording((("left", {"size": 3.0}),), RIG)
+    _, focus = about(believed((LEFT,), np.log(2.8) / np.log(4)), measured)
+    assert focus is not None
+    for one, two in ((1.0, 2.0), (2.0, 4.0)):  # both of what was simulated itself: two blocks
+        fewer, more = (focus.following.response(np.full(len(MOMENTS.runs), each)) for each in (one, two))
+        assert fewer.precision[0, 0] < 0.9 * more.precision[0, 0]
+
+
+def test_rigs_of_earlier_rounds_count_where_they_lie_among_the_later() -> None:
+    asked = list[int]()
+
+    def counted(draws: Sequence[Draw]) -> list[Observed]:
+        asked.append(len(draws))
+        return TOY.observe(draws)
+
+    measured = recording((("left", {"size": 3.0}),), RIG)
+    ranked = believed((LEFT,), np.log(2.8) / np.log(4))
+    _, focus = refocused(ranked, measured, MOMENTS, [BLOCKS], RIGS, counted, np.random.default_rng(0))
+    assert focus is not None
+    assert asked[-1] < len(focus.places) < sum(asked)
+    # and lie as the last ones do, whatever round they are of
+    assert np.ptp(focus.places) < 0.5
