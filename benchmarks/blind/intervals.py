@@ -23,6 +23,14 @@ def wilson(hits: float, trials: int) -> Interval:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
+def share_of(hits: Sequence[bool]) -> str:
+    """How many of how many, with their share and its interval."""
+    if not hits:
+        return "none"
+    low, high = wilson(sum(hits), len(hits))
+    return f"{sum(hits)} of {len(hits)} ({sum(hits) / len(hits):.3f}, 95 %: {low:.3f} to {high:.3f})"
+
+
 def bootstrap(statistic: Callable[[Sequence[T]], float], cases: Sequence[T], seed: int = 0) -> Interval:
     """Percentile interval of a statistic over cases drawn with replacement."""
     rng = np.random.default_rng(seed)
