@@ -7,17 +7,19 @@ either way, index marks and markers anywhere, of 2 to 10 V, rising or falling. W
 by the emulated card, whose filters are none of the twin's. Each run is judged twice by the band of healthy
 rigs that a report's verdict uses: by its log, and by the same log in which nothing is said of the chains. The
 same rig on the usual bench says whether it is the rig that lies outside, as one in so many does.
-Every bench's result is a file in DIR: what is there is not done again, so parts of it add up.
+A run of which nothing is said may not even be read: it is refused, which is not outside.
+
+Every bench's result is a file in DIR, with the commit and a digest of the program that it is of: what is
+there of the present one is not done again, so parts of it add up, and those of others are left out.
 
 Usage: python -m benchmarks.declared_chains DIR [--more N] [--only RIG] [--benches 40] [--rigs 48] [--seed 0]
-Returns 1 if more than one in twenty declared benches lies outside, or less than most of the others do, or
-some are not done yet.
+Returns 1 if more than one in twenty declared benches lies outside, or no more than half of the others
+do, or some are not done yet.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
@@ -30,9 +32,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.blind.intervals import share_of
+from benchmarks.kept_results import Results, made_by
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.disk import write_whole
 from daq.errors import ConfigurationError, LogError
 from daq.log.writer import LogWriter
 from drivers.ni_daq.channels import CardChannel
@@ -211,14 +214,13 @@ def judged_bench(number: int, name: str, rigs: int, seed: int) -> dict[str, Any]
             write(path, scenario, of, record, seen)
             try:
                 healthy, told = judged(path, rigs, screen)
+                verdict = "within" if healthy else "outside"
             except (ConfigurationError, LogError) as error:
                 if kind != "not":
                     raise
-                # without its chains a run may not even be read
-                healthy, told = False, f"{type(error).__name__}: {error}"
-            found[kind] = {"within": healthy, "told": told}
-            word = "within" if healthy else "OUTSIDE"
-            print(f"{number:3d} {name:21s} {kind:9s}{word:8s} {told}", flush=True)
+                verdict, told = "refused", f"{type(error).__name__}: {error}"
+            found[kind] = {"verdict": verdict, "told": told}
+            print(f"{number:3d} {name:21s} {kind:9s}{verdict:8s} {told}", flush=True)
     return found | {"cpu_s": round(_processors_s() - began_s)}
 
 
@@ -227,17 +229,21 @@ def _processors_s() -> float:
 
 
 def score(results: Sequence[Mapping[str, Any]], total: int) -> int:
-    """Print how many of those that are done lie within; what `main` returns."""
-    done = len(results)
-    within = {kind: sum(each[kind]["within"] for each in results) for kind in ("declared", "not", "usual")}
-    outside, least = done - within["not"], done * (1 - MOST_OUTSIDE)
-    print(f"declared, within the healthy band    {within['declared']} of {done} (at least {least:.0f})")
-    print(f"the same rigs on the usual bench     {within['usual']} of {done}")
-    print(f"not declared, outside                {outside} of {done} (more than {done * LEAST_SEEN:.0f})")
+    """Print what became of those that are done; what `main` returns."""
+
+    def those(kind: str, verdict: str) -> list[bool]:
+        return [each[kind]["verdict"] == verdict for each in results]
+
+    done, declared, outside = len(results), those("declared", "within"), those("not", "outside")
+    least, most = done * (1 - MOST_OUTSIDE), done * LEAST_SEEN
+    print(f"declared, within the healthy band    {share_of(declared)}; at least {least:.0f}")
+    print(f"the same rigs on the usual bench     {share_of(those('usual', 'within'))}")
+    print(f"not declared, outside                {share_of(outside)}; more than {most:.0f}")
+    print(f"not declared, refused                {share_of(those('not', 'refused'))}")
     print(f"processors                           {sum(each['cpu_s'] for each in results) / 60:.0f} min")
     if done < total:
         print(f"{total - done} of {total} are not done yet")
-    return int(done < total or within["declared"] < least or outside <= done * LEAST_SEEN)
+    return int(done < total or sum(declared) < least or sum(outside) <= most)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -251,21 +257,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", choices=SCENARIOS)
     asked = parser.parse_args(arguments)
     os.environ["XDG_CACHE_HOME"] = str(asked.folder)  # the bands of undeclared and usual benches stay there
-    files = {
-        number: asked.folder / f"{number:02d}_{asked.rigs}_rigs_seed_{asked.seed}.json"
-        for number in range(asked.benches)
-    }
+    results = Results(asked.folder, made_by("sim_twin", "rig", "drivers"))
+    names = {number: f"{number:02d}_{asked.rigs}_rigs_seed_{asked.seed}" for number in range(asked.benches)}
     open_ones = [
         number
-        for number, file in files.items()
-        if not file.exists() and asked.only in (None, SCENARIOS[number % len(SCENARIOS)])
+        for number, name in names.items()
+        if results.found(name) is None and asked.only in (None, SCENARIOS[number % len(SCENARIOS)])
     ]
     for number in open_ones[: asked.more]:
-        name = SCENARIOS[number % len(SCENARIOS)]
-        found = judged_bench(number, name, asked.rigs, asked.seed + number)
-        asked.folder.mkdir(parents=True, exist_ok=True)
-        write_whole(files[number], json.dumps(found, indent=1).encode())
-    return score([json.loads(each.read_text()) for each in files.values() if each.exists()], asked.benches)
+        rig = SCENARIOS[number % len(SCENARIOS)]
+        results.keep(names[number], judged_bench(number, rig, asked.rigs, asked.seed + number))
+    print(f"program {results.digest}; results of others, left out: {results.others()}")
+    done = [found for name in names.values() if (found := results.found(name)) is not None]
+    return score(done, asked.benches)
 
 
 if __name__ == "__main__":
