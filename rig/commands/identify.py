@@ -31,7 +31,8 @@ def identify(
         typer.Option(
             "--frf",
             metavar="RUN.mcap",
-            help="A run looked at by its frequency responses alone; it need strike only now and then.",
+            help="A run looked at by its frequency responses alone, which need strike only now and then; "
+            "several: --frf A.mcap --frf B.mcap.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same model.")] = 0,
@@ -42,7 +43,9 @@ def identify(
     from rig.files.out_folder import require_new
     from rig.files.scenario import parse_scenario
 
-    require_new(out, "identified")
+    following = out.with_name(f"{out.stem}_next.toml")
+    for path in (out, following):
+        require_new(path, "identified")
     keys: dict[str, str] = {}
     for text in ",".join(free).split(","):
         key, _, between = (part.strip() for part in text.partition("="))
@@ -65,9 +68,8 @@ def identify(
     _show(found, campaign.rig, screen)
     out.write_text(text, encoding="utf-8")
     if found.next_run is not None:
-        more = out.with_name(f"{out.stem}_next.toml")
-        more.write_text(found.next_run, encoding="utf-8")
-        screen.say(f"next run   {more}, which would tell most of what is not told")
+        following.write_text(found.next_run, encoding="utf-8")
+        screen.say(f"next run   {following}, which would tell most of what is not told")
     work.discard(folder)
     screen.say(f"model      {out}")
 

@@ -168,13 +168,12 @@ class Identification:
 class Kept:
     """Has draws simulated and keeps what they showed in `folder`, so that an interrupted search goes on.
 
-    `report` hears how many draws have come in all.
+    Raises RattleError where there is no time for them.
     """
 
     def __init__(self, folder: Path, about: str, simulate: Execute, size: int) -> None:
         self._folder, self._about, self._simulate, self._size = folder, about, simulate, size
         self.found = 0
-        self.cut_short = False
 
     def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
         observed: list[Observed] = []
@@ -190,13 +189,16 @@ class Kept:
             self.found += len(draws)
             return [(next(shown) if each else None,) for each in there]
         observed = self._simulate(draws)
-        self.cut_short |= not all(observed)
-        if all(observed):
-            simulated = [each[0] for each in observed if each[0] is not None]
-            content = BytesIO()
-            np.savez(content, there=[each[0] is not None for each in observed], shown=np.array(simulated))
-            self._folder.mkdir(exist_ok=True)
-            write_whole(file, content.getvalue())
+        if not all(observed):
+            raise RattleError(
+                f"time ran out: nothing was written. What was simulated is kept in {self._folder}; the same "
+                "command with a larger --budget goes on there"
+            )
+        simulated = [each[0] for each in observed if each[0] is not None]
+        content = BytesIO()
+        np.savez(content, there=[each[0] is not None for each in observed], shown=np.array(simulated))
+        self._folder.mkdir(exist_ok=True)
+        write_whole(file, content.getvalue())
         return observed
 
 
@@ -323,17 +325,7 @@ def identify(
         require_moves(wides, campaign, simulate)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             rng = np.random.default_rng(seed)
-            rounds = fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told)
-            try:
-                found = last_of(rounds, screen)
-            except SimulationFailed:
-                if not simulate.cut_short:
-                    raise
-        if simulate.cut_short:
-            raise RattleError(
-                "time ran out before the values stood still: nothing was written. What was simulated is kept "
-                f"in {folder}; the same command with a larger --budget goes on there"
-            )
+            found = last_of(fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told), screen)
         known = found.known
         if not any(known.told()):
             raise RattleError(
@@ -419,14 +411,17 @@ def _digest(campaign: Campaign) -> str:
     return hashlib.sha256(repr((runs, rest, names, given, sources)).encode()).hexdigest()
 
 
+_NO_ANSWER = "What stands under [not_told] is no answer: with the others it makes the twin that was fitted."
+
+
 def model_text_of(found: Identification, rig: str, runs: Sequence[str], scenarios: Sequence[str]) -> str:
     """The model file; it can be read."""
     identified = _identified(found)
     middles = zip(found.known.wides, found.known.estimates(), strict=True)
     lines = [
-        "# Values of one rig, as rattle identify found them in recordings of it; for --model or a scenario.",
-        "# Behind each its 95 % interval, in the same unit, and what the scenarios had. What is not told",
-        "# only goes with the others: its value says nothing by itself.",
+        "# Values of one rig, as rattle identify found them in recordings of it; for --model.",
+        "# Behind each its 95 % interval, in the same unit, and what the scenarios had.",
+        *([] if all(found.known.told()) else [f"# {_NO_ANSWER}"]),
         *(f"# Told together only: {one} and {other}." for one, other in found.known.together()),
         *([] if found.converged else [f"# {STILL_MOVED}, by which their intervals are wider."]),
         f"# Gap of the rig from its twin with these values: {found.gap:.2f} (1 is as far as a healthy rig).",
@@ -449,7 +444,8 @@ def rows(found: Identification, rig: str) -> list[tuple[str, ...]]:
     told: list[tuple[str, ...]] = []
     for each, middle in zip(_identified(found).values(), found.known.estimates(), strict=True):
         unit = _unit(rig, each.key)
-        told.append((each.key, f"{middle.value / si_factor(unit):.4g} {unit}".strip(), *_said(each, rig)))
+        value = f"{middle.value / si_factor(unit):.4g} {unit}".strip() if each.told else "-"
+        told.append((each.key, value, *_said(each, rig)))
     return told
 
 

@@ -1,8 +1,9 @@
 """The model file: what was found of a rig, so that its twin is matched.
 
-Its values, as identification found them: [model], read like a scenario's. Where calibration found its
-tolerances to lie: [[tolerances]], and what it shows otherwise even so: [[discrepancies]]. Or how wide the
-tolerances of its lab are: [tolerances], read like a scenario's.
+Its values, as identification found them, read like a scenario's: [model], and [not_told], which goes with
+these and says nothing by itself. Where calibration found its tolerances to lie: [[tolerances]], and what it
+shows otherwise even so: [[discrepancies]]. Or how wide the tolerances of its lab are: [tolerances], read like
+a scenario's.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from sim_twin.healthy import Matched
 if TYPE_CHECKING:
     from sim_twin.diagnosis.discrepancy import Discrepancy
 
-_KEYS = ("rig", "runs", "scenarios", "model", "identified", "tolerances", "discrepancies")
+_KEYS = ("rig", "runs", "scenarios", "model", "not_told", "identified", "tolerances", "discrepancies")
 _MOST, _MOST_DISCREPANCIES = 400, 4000
 
 _CORRELATIONS: Final = "a list of numbers from -1 to 1, one for each tolerance before this one"
@@ -58,7 +59,7 @@ class _DiscrepancySection:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """What [[identified]] says of a `key` of [model], in SI: 95 % interval, what the scenarios had before.
+    """What [[identified]] says of the value of a `key`, in SI: 95 % interval, what the scenarios had before.
 
     `told`: whether the runs tell it by itself.
     """
@@ -75,8 +76,9 @@ class ModelFile:
     """What was found of a `rig`, from which `runs`; `text` is the file as written.
 
     `nominals` are the values, by tolerance, of the twin that was matched; SI. `model` holds values of keys of
-    [model], and `identified` says of them, by key, how they were found. `widths` are those that its
-    tolerances had, `lab` is a table [tolerances]. `discrepancies` are what the matched twin does otherwise.
+    [model], told or not, and `identified` says of them, by key, how they were found. `widths` are those that
+    its tolerances had, `lab` is a table [tolerances], `discrepancies` are what the matched twin does
+    otherwise.
     """
 
     rig: str
@@ -111,15 +113,18 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
             faults.add(key, given, "a list of texts")
         else:
             texts[key] = tuple(given)
-    model: Any = None
-    if rig in RIGS:
-        model = read_values(RIGS[rig].model, table.get("model", {}), "model", faults)
-    identified = dict(_identified(table.get("identified", []), model or {}, faults))
-    for key, value in (model or {}).items():
-        if not isinstance(value, float):
-            faults.add(f"model.{key}", value, "a key of one number that is no count")
-        elif key not in identified:
-            faults.missing(f"model.{key}", "a table [[identified]] that says how it was found")
+    values = {
+        name: read_values(RIGS[rig].model, table.get(name, {}), name, faults) or {}
+        for name in (("not_told", "model") if rig in RIGS else ())
+    }
+    model = {key: value for each in values.values() for key, value in each.items()}
+    identified = dict(_identified(table.get("identified", []), model, faults))
+    for name, held in values.items():
+        for key, value in held.items():
+            if not isinstance(value, float):
+                faults.add(f"{name}.{key}", value, "a key of one number that is no count")
+            elif key not in identified:
+                faults.missing(f"{name}.{key}", "a table [[identified]] that says how it was found")
     tables = table.get("tolerances", [])
     lab = tables if isinstance(tables, dict) else {}
     sections = [] if lab or ("tolerances" not in table and model) else _sections(tables, faults)
@@ -143,7 +148,7 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
     found = ModelFile(rig, texts["runs"], texts["scenarios"], nominals, matched, text)
     return dataclasses.replace(
         found,
-        model=model or {},
+        model=model,
         identified=identified,
         widths=widths,
         lab=lab,
@@ -159,7 +164,7 @@ def _identified(tables: object, model: Mapping[str, Any], faults: Faults) -> Ite
         key = f"identified[{index + 1}]"
         section = read_table(Identified, table, key, faults)
         if section is not None and section.key not in model:
-            faults.unknown(f"{key}.key", section.key, section.key, model, "key of its [model]")
+            faults.unknown(f"{key}.key", section.key, section.key, model, "key of its [model] or [not_told]")
         elif section is not None:
             yield section.key, section
 
@@ -206,11 +211,14 @@ def identified_text(
 ) -> list[str]:
     """The lines of a model file that say which values (SI) were found; `remarks` of them are for people."""
     known = RIGS[rig].model
-    lines = ["", "[model]"]
-    for key, value in values.items():
-        unit = getattr(known[key].meaning, "unit", "")
-        text = f"{value / si_factor(unit):.6g} {unit}".strip()
-        lines.append(f"{toml_key(key)} = {json.dumps(text) if unit else text}  # {remarks[key]}")
+    lines: list[str] = []
+    for table, told in (("model", True), ("not_told", False)):
+        held = {key: value for key, value in values.items() if identified[key].told is told}
+        lines += ["", f"[{table}]"] if held else []
+        for key, value in held.items():
+            unit = getattr(known[key].meaning, "unit", "")
+            text = f"{value / si_factor(unit):.6g} {unit}".strip()
+            lines.append(f"{toml_key(key)} = {json.dumps(text) if unit else text}  # {remarks[key]}")
     for each in identified.values():
         lines += ["", "[[identified]]", f'key = "{each.key}"', f"low = {each.low!r}", f"high = {each.high!r}"]
         lines += [] if each.was is None else [f"was = {each.was!r}"]

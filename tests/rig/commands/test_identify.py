@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import io
 import json
+import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from daq.errors import ConfigurationError
+from daq.errors import ConfigurationError, RattleError
+from rig.diagnosis import identify as work
 from rig.diagnosis.identify import (
     Identification,
     Kept,
@@ -21,11 +25,12 @@ from rig.diagnosis.identify import (
     model_text_of,
     read_for,
     require_moves,
+    rows,
     tolerance_of,
     wide_of,
 )
 from rig.diagnosis.recordings import setting_of
-from rig.files.model_file import load_model, parse_model
+from rig.files.model_file import as_identified, load_model, parse_model
 from rig.files.scenario import parse_scenario
 from rig.files.table import NOTHING, FieldError
 from rig.rigs import RIGS
@@ -33,6 +38,7 @@ from rig.session.progress import Screen, Terminal
 from rig.twin.logged import with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis import identification
+from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.identification import VALUES, Round, nothing_known
 from sim_twin.diagnosis.subject import Draw, Observed
 from tests.rig.commands.cli import Call
@@ -76,10 +82,10 @@ def test_a_run_that_is_left_out_does_not_change_how_the_others_are_looked_at(
     monkeypatch.setitem(globals(), "SECONDS", 0.1)
     short = record(tmp_path / "short.mcap", 4)
     monkeypatch.undo()
-    response = record(tmp_path / "response.mcap", 5)
-    data, _, campaign = read_for([short, run], [response], {"contact_stiffness": ""}, Screen(Terminal()))
-    assert data.paths == (run, response)
-    assert [each.columns.alone for each in campaign.runs] == [False, True]  # type: ignore[attr-defined]
+    responses = [record(tmp_path / f"response{seed}.mcap", seed) for seed in (5, 6)]
+    data, _, campaign = read_for([short, run], responses, {"contact_stiffness": ""}, Screen(Terminal()))
+    assert data.paths == (run, *responses)
+    assert [each.columns.alone for each in campaign.runs] == [False, True, True]  # type: ignore[attr-defined]
 
 
 @pytest.mark.long
@@ -151,6 +157,21 @@ def test_a_rig_that_hardly_strikes_is_refused(call: Call, run: Path, tmp_path: P
     assert "nothing strikes in it" in alone.err
 
 
+def test_each_run_of_responses_has_an_option_of_its_own(call: Call, run: Path, tmp_path: Path) -> None:
+    other, out = record(tmp_path / "other.mcap", 4), tmp_path / "model.toml"
+    answer = call("identify", other, "--frf", run, "--frf", run, "--free", "contact_stiffness", "-o", out)
+    assert answer.code == 2
+    assert "each run once" in answer.err
+
+
+def test_a_next_run_that_is_there_already_is_not_written_over(call: Call, run: Path, tmp_path: Path) -> None:
+    (tmp_path / "model_next.toml").write_text("mine")
+    answer = call("identify", run, "--free", "contact_stiffness", "-o", tmp_path / "model.toml")
+    assert answer.code == 1
+    assert "model_next.toml is there already" in answer.err
+    assert (tmp_path / "model_next.toml").read_text() == "mine"
+
+
 def test_runs_of_two_specimens_are_refused(call: Call, run: Path, tmp_path: Path) -> None:
     other = record(tmp_path / "other.mcap", 4, SCENARIO + '\n[notes]\nspecimen = "beam 7"\n')
     answer = call("identify", run, other, "--free", "contact_stiffness", "-o", tmp_path / "model.toml")
@@ -213,7 +234,8 @@ def test_one_of_several_numbers_is_looked_for_and_written_as_a_scenario_has_it()
     moved = kind.changed(twin.rig, scenario.model, {"slider_pin[2]": 1e-3})
     assert moved.slider.pin == (0.0, 1e-3, 0.0)
     assert replace(moved, slider=twin.rig.slider) == twin.rig
-    found = Identification(nothing_known([wide]), {wide.name: 0.0}, 1.0, converged=True, moved=np.zeros(1))
+    told = replace(nothing_known([wide]), covariance=0.01 * np.eye(1))
+    found = Identification(told, {wide.name: 0.0}, 1.0, converged=True, moved=np.zeros(1))
     text = model_text_of(found, kind.name, ["run.mcap"], ["reference"])
     given = text[text.index("[model]") : text.index("[[identified]]")]
     assert parse_scenario(f"{SPATIAL}\n{given}").model == {"slider_pin[2]": 0.0}
@@ -309,12 +331,32 @@ def test_values_that_still_moved_are_said_to_and_have_wider_intervals() -> None:
     assert widths[1][1] == pytest.approx(np.sqrt(5.0) * widths[0][1], rel=0.1)
 
 
+def test_what_is_not_told_is_no_value_of_model_and_goes_with_the_others() -> None:
+    kind, scenario = RIGS["impact_beam"], parse_scenario(SCENARIO)
+    keys = ("contact_stiffness", "modal_damping")
+    wides = [wide_of(kind, key, scenario.model, twin_of(scenario)) for key in keys]
+    known = replace(nothing_known(wides), mean=np.ones(2), covariance=np.diag([0.01, 0.8]))
+    was = {key: kind.value(key, scenario.model) for key in keys}
+    found = Identification(known, was, 1.0, converged=True, moved=np.zeros(2))
+    text = model_text_of(found, kind.name, ["run.mcap"], ["reference"])
+    tables = tomllib.loads(text)
+    assert (set(tables["model"]), set(tables["not_told"])) == ({"contact_stiffness"}, {"modal_damping"})
+    assert [row[1] == "-" for row in rows(found, kind.name)] == [False, True]
+    model = parse_model(text, "model", kind.name)
+    twin = with_model(twin_of(scenario), model, scenario, pytest.fail)
+    assert twin.rig.contact_stiffness == pytest.approx(known.estimates()[0].value, rel=1e-5)
+    assert set(twin.rig.modal_damping) == {model.model["modal_damping"]} != {was["modal_damping"]}
+    assert tomllib.loads("\n".join(as_identified(model)))["not_told"] == tables["not_told"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "key"),
     [
         ('contact_stiffness = "2.4e7 N/m"', 'contact_stiffness = "2 N"', "model.contact_stiffness"),
         ("modal_damping = 0.02\n", "", "identified[2].key"),
         ("modal_damping = 0.02", 'modal_damping = 0.02\nbeam = "aluminium"', "model.beam"),
+        ("modal_damping = 0.02", '[not_told]\nbeam = "aluminium"', "not_told.beam"),
+        ("modal_damping = 0.02", "[not_told]\nyoke_frequency = 700", "not_told.yoke_frequency"),
         ("low = 2.3e7\n", "", "identified[1].low"),
         ("told = false", 'told = "no"', "identified[2].told"),
     ],
@@ -349,11 +391,32 @@ def test_what_was_simulated_is_not_simulated_again(tmp_path: Path) -> None:
     assert sum(asked[3:]) in (12, 14)
 
 
+def no_time(draws: Sequence[Draw]) -> list[Observed]:
+    return [() for _ in draws]
+
+
 def test_what_there_was_no_time_for_is_not_kept(tmp_path: Path) -> None:
-    kept = Kept(tmp_path / "kept", "a", lambda draws: [() for _ in draws], 4)
-    assert kept([Draw((), 1)]) == [()]
-    assert kept.cut_short
+    kept = Kept(tmp_path / "kept", "a", no_time, 4)
+    with pytest.raises(RattleError, match="time ran out: nothing was written"):
+        kept([Draw((), 1)])
     assert not (tmp_path / "kept").exists()
+
+
+def test_time_that_runs_out_once_the_values_are_found_is_told_as_such(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario, setting = crank()
+    campaign = identifying([setting], [scenario], ["piston_mass"])
+    wides = [wide_of(RIGS["planar_slider_crank"], "piston_mass", scenario.model, setting.twin)]
+    known = replace(nothing_known(wides), covariance=0.01 * np.eye(1))
+    found = Round(9, known, np.zeros(1), converged=True)
+    monkeypatch.setattr(work, "worker_processes", lambda _: nullcontext(SimpleNamespace(executor=None)))
+    monkeypatch.setattr(work, "require_moves", lambda *_: None)
+    monkeypatch.setattr(work, "fitted_rounds", lambda *_: [found])
+    monkeypatch.setattr(work, "Simulated", lambda *_: no_time)
+    data: Any = SimpleNamespace(measured=None, told=(), scenarios=(CRANK,), campaign=Campaign((setting,)))
+    with pytest.raises(RattleError, match="time ran out: nothing was written"):
+        work.identify(data, wides, campaign, data, tmp_path / "kept", 0, 10.0, Screen(Terminal()))
 
 
 def test_nothing_is_known_beforehand() -> None:
