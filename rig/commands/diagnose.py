@@ -184,7 +184,9 @@ def calibrate(
     for told in found_of.told():
         screen.say(told)
     scenarios = list(dict.fromkeys(names))
-    text = as_model_text(twin, outcome.matched, of_runs, scenarios, before, found_of.discrepancies)
+    text = as_model_text(
+        twin, outcome.matched, of_runs, scenarios, before, found_of.discrepancies, read.specimen
+    )
     out.write_text(text, encoding="utf-8")
     screen.say(f"model      {out}")
 

@@ -64,7 +64,7 @@ def identify(
         raise
     names = [path.name for path in data.paths]
     scenarios = list(dict.fromkeys(parse_scenario(text).name for text in data.scenarios))
-    text = work.model_text_of(found, campaign.rig, names, scenarios)
+    text = work.model_text_of(found, campaign.rig, names, scenarios, data.specimen)
     _show(found, campaign.rig, screen)
     out.write_text(text, encoding="utf-8")
     if found.next_run is not None:

@@ -19,13 +19,7 @@ from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from daq.disk import write_whole
-from daq.errors import (
-    ConfigurationError,
-    LogError,
-    Problem,
-    RattleError,
-    SimulationFailed,
-)
+from daq.errors import LogError, RattleError, SimulationFailed
 from daq.quantity import Quantity, Setting
 from rig.diagnosis.experiments import options
 from rig.diagnosis.kept import kept_arrays, version_of
@@ -209,7 +203,6 @@ _NOT_THIS_RIG = 2.0
 _CHATTERS_FROM = 25.0
 """Multiples of a cycle's frequency, beyond which only impacts reach."""
 _OVER_NOISE, _MOST_CYCLES = 5.0, 0.5
-SPECIMEN = "specimen"
 
 
 def read_for(
@@ -225,10 +218,6 @@ def read_for(
         screen.warn(remark)
     scenarios = [parse_scenario(text) for text in data.scenarios]
     wides = wides_of(data, free)
-    specimens = list(dict.fromkeys(each.notes.get(SPECIMEN) for each in scenarios))
-    if len(specimens) > 1:
-        told = ", ".join(str(each or "(none)") for each in specimens)
-        raise ConfigurationError("runs", [Problem(f"notes.{SPECIMEN}", told, "runs of one rig")])
     for path, run, records in zip(data.paths, data.campaign.runs, data.records, strict=True):
         _require_chatter(path, run, records, alone=path in responses)
     return data, wides, identifying(data.campaign.runs, scenarios, list(free))
@@ -414,7 +403,13 @@ def _digest(campaign: Campaign) -> str:
 _NO_ANSWER = "What stands under [not_told] is no answer: with the others it makes the twin that was fitted."
 
 
-def model_text_of(found: Identification, rig: str, runs: Sequence[str], scenarios: Sequence[str]) -> str:
+def model_text_of(
+    found: Identification,
+    rig: str,
+    runs: Sequence[str],
+    scenarios: Sequence[str],
+    specimen: str | None = None,
+) -> str:
     """The model file; it can be read."""
     identified = _identified(found)
     middles = zip(found.known.wides, found.known.estimates(), strict=True)
@@ -425,7 +420,7 @@ def model_text_of(found: Identification, rig: str, runs: Sequence[str], scenario
         *(f"# Told together only: {one} and {other}." for one, other in found.known.together()),
         *([] if found.converged else [f"# {STILL_MOVED}, by which their intervals are wider."]),
         f"# Gap of the rig from its twin with these values: {found.gap:.2f} (1 is as far as a healthy rig).",
-        *head_text(rig, runs, scenarios),
+        *head_text(rig, runs, scenarios, specimen),
         *identified_text(
             rig,
             {wide.name: each.value for wide, each in middles},

@@ -130,8 +130,8 @@ class RecordedCampaign:
 
     `paths` are the runs that are used, `scenarios` their scenario texts, `records` their channels at the rate
     of the setting, `sound` says which samples of a run can be used. `chains` is what the first log says of
-    its chains. Every row of `measured` has a block of each run, those of a short run several times; `told` is
-    how many blocks of each run that is worth.
+    its chains, `specimen` what they say was run. Every row of `measured` has a block of each run, those of a
+    short run several times; `told` is how many blocks of each run that is worth.
     """
 
     campaign: Campaign
@@ -143,6 +143,7 @@ class RecordedCampaign:
     records: tuple[dict[str, Array], ...]
     sound: tuple[NDArray[np.bool_], ...]
     chains: Mapping[str, str]
+    specimen: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,13 +185,7 @@ def recorded(
         if shared and all(np.array_equal(first.records[name], second.records[name]) for name in shared):
             same = f"{first.path} and {second.path} hold the same samples"
             raise ConfigurationError("campaign", [Problem("runs", same, "each run once")])
-    rigs = {run.twin.model.name: run.path.name for run in runs}
-    if len(rigs) > 1:
-        what = ", ".join(f"{path} is of the {rig}" for rig, path in rigs.items())
-        raise ConfigurationError("campaign", [Problem("runs", what, "runs of one rig")])
-    problems = [problem for run in runs[1:] for problem in _other_rig(runs[0], run)]
-    if problems:
-        raise ConfigurationError("campaign", problems)
+    _require_one_rig(runs)
     settings = [looked_at(run.path, run.setting) for run in runs]
     blocks = [setting.blocks_of(run.records, run.sound) for setting, run in zip(settings, runs, strict=True)]
     count = max(map(len, blocks))
@@ -211,6 +206,7 @@ def recorded(
         records=tuple(run.records for run in runs),
         sound=tuple(run.sound for run in runs),
         chains=runs[0].record,
+        specimen=runs[0].scenario.specimen,
     )
 
 
@@ -221,6 +217,20 @@ def _rows(blocks: int, count: int) -> NDArray[np.intp]:
     half, own = (count + 1) // 2, (blocks + 1) // 2
     late = np.arange(count - half)
     return np.concatenate([np.arange(half) * own // half, own + late * (blocks - own) // (count - half)])
+
+
+def _require_one_rig(runs: Sequence[_Run]) -> None:
+    rigs = {run.twin.model.name: run.path.name for run in runs}
+    if len(rigs) > 1:
+        what = ", ".join(f"{path} is of the {rig}" for rig, path in rigs.items())
+        raise ConfigurationError("campaign", [Problem("runs", what, "runs of one rig")])
+    specimens = {run.scenario.specimen or "none that is named": run.path.name for run in runs}
+    if len(specimens) > 1:
+        what = ", ".join(f"{path} is of {specimen}" for specimen, path in specimens.items())
+        raise ConfigurationError("campaign", [Problem("notes.specimen", what, "runs of one rig")])
+    problems = [problem for run in runs[1:] for problem in _other_rig(runs[0], run)]
+    if problems:
+        raise ConfigurationError("campaign", problems)
 
 
 def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:

@@ -31,7 +31,17 @@ from sim_twin.healthy import Matched
 if TYPE_CHECKING:
     from sim_twin.diagnosis.discrepancy import Discrepancy
 
-_KEYS = ("rig", "runs", "scenarios", "model", "not_told", "identified", "tolerances", "discrepancies")
+_KEYS = (
+    "rig",
+    "runs",
+    "scenarios",
+    "specimen",
+    "model",
+    "not_told",
+    "identified",
+    "tolerances",
+    "discrepancies",
+)
 _MOST, _MOST_DISCREPANCIES = 400, 4000
 
 _CORRELATIONS: Final = "a list of numbers from -1 to 1, one for each tolerance before this one"
@@ -73,7 +83,7 @@ class Identified:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ModelFile:
-    """What was found of a `rig`, from which `runs`; `text` is the file as written.
+    """What was found of a `rig`, from which `runs` of a `specimen`; `text` is the file as written.
 
     `nominals` are the values, by tolerance, of the twin that was matched; SI. `model` holds values of keys of
     [model], told or not, and `identified` says of them, by key, how they were found. `widths` are those that
@@ -92,6 +102,7 @@ class ModelFile:
     widths: Mapping[str, float] = field(default_factory=dict)
     lab: Mapping[str, Any] = field(default_factory=dict)
     discrepancies: tuple[Discrepancy, ...] = ()
+    specimen: str | None = None
 
 
 def load_model(path: str | Path, rig: str) -> ModelFile:
@@ -113,18 +124,10 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
             faults.add(key, given, "a list of texts")
         else:
             texts[key] = tuple(given)
-    values = {
-        name: read_values(RIGS[rig].model, table.get(name, {}), name, faults) or {}
-        for name in (("not_told", "model") if rig in RIGS else ())
-    }
-    model = {key: value for each in values.values() for key, value in each.items()}
-    identified = dict(_identified(table.get("identified", []), model, faults))
-    for name, held in values.items():
-        for key, value in held.items():
-            if not isinstance(value, float):
-                faults.add(f"{name}.{key}", value, "a key of one number that is no count")
-            elif key not in identified:
-                faults.missing(f"{name}.{key}", "a table [[identified]] that says how it was found")
+    specimen = table.get("specimen")
+    if not isinstance(specimen, str | None):
+        faults.add("specimen", specimen, "a text")
+    model, identified = _found(table, rig, faults) if rig in RIGS else ({}, {})
     tables = table.get("tolerances", [])
     lab = tables if isinstance(tables, dict) else {}
     sections = [] if lab or ("tolerances" not in table and model) else _sections(tables, faults)
@@ -153,7 +156,27 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
         widths=widths,
         lab=lab,
         discrepancies=discrepancies,
+        specimen=specimen,
     )
+
+
+def _found(
+    table: Mapping[str, Any], rig: str, faults: Faults
+) -> tuple[dict[str, Any], dict[str, Identified]]:
+    """Values that were identified, told or not, and how each was."""
+    values = {
+        name: read_values(RIGS[rig].model, table.get(name, {}), name, faults) or {}
+        for name in ("not_told", "model")
+    }
+    model = {key: value for held in values.values() for key, value in held.items()}
+    identified = dict(_identified(table.get("identified", []), model, faults))
+    for name, held in values.items():
+        for key, value in held.items():
+            if not isinstance(value, float):
+                faults.add(f"{name}.{key}", value, "a key of one number that is no count")
+            elif key not in identified:
+                faults.missing(f"{name}.{key}", "a table [[identified]] that says how it was found")
+    return model, identified
 
 
 def _identified(tables: object, model: Mapping[str, Any], faults: Faults) -> Iterator[tuple[str, Identified]]:
@@ -200,9 +223,12 @@ def _sections(tables: object, faults: Faults) -> list[_ToleranceSection]:
     return read
 
 
-def head_text(rig: str, runs: Sequence[str], scenarios: Sequence[str]) -> list[str]:
+def head_text(
+    rig: str, runs: Sequence[str], scenarios: Sequence[str], specimen: str | None = None
+) -> list[str]:
     """The lines that a model file begins with, after its remarks."""
     head: dict[str, Any] = {"rig": rig, "runs": list(runs), "scenarios": list(scenarios)}
+    head |= {} if specimen is None else {"specimen": specimen}
     return [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in head.items()]
 
 
@@ -242,6 +268,7 @@ def model_text(
     widths: Mapping[str, float] = NOTHING,
     before: Sequence[str] = (),
     discrepancies: Sequence[Discrepancy] = (),
+    specimen: str | None = None,
 ) -> str:
     """The text of a model file; `remarks` say of each tolerance in physical terms what was found.
 
@@ -252,7 +279,7 @@ def model_text(
     lines = [
         "# What a healthy rig may differ by, as rattle calibrate found it; for --model.",
         "# mean and deviation in standard deviations of healthy rigs (0 and 1: the runs do not tell).",
-        *head_text(rig, runs, scenarios),
+        *head_text(rig, runs, scenarios, specimen),
         *before,
     ]
     for row, name in enumerate(matched.names):

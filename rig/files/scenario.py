@@ -65,7 +65,8 @@ class Scenario:
 
     `model` holds what the operator says of the rig, by key of [model]: what is not there is nominal. `drive`
     is what the rig's physics calls its drive. `notes` say what a run was (operator, specimen, whatever a lab
-    calls it), by keys of its own; nothing depends on them. `widths` are those of its twin, of [tolerances].
+    calls it), by keys of its own; only whether runs are of one rig depends on them. `widths` are those of its
+    twin, of [tolerances].
     """
 
     name: str
@@ -77,6 +78,11 @@ class Scenario:
     text: str
     notes: Mapping[str, str] = field(default_factory=dict)
     widths: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def specimen(self) -> str | None:
+        """What was run, by its notes, where they say it."""
+        return self.notes.get("specimen")
 
 
 _LONGEST_NAME: Final = 200

@@ -55,6 +55,8 @@ def with_values(twin: AnyTwin, model: ModelFile, scenario: Scenario, warn: Calla
     A value of which the scenario says something else than those of the model's runs did is another by now.
     """
     kind, given = RIGS[scenario.rig], scenario.model
+    if None not in (model.specimen, scenario.specimen) and model.specimen != scenario.specimen:
+        warn(f"the model is of another specimen, {model.specimen}; this is {scenario.specimen}")
     held = held_values(model, scenario)
     if other := [key for key in model.model if key not in held]:
         warn(f"not as the runs of the model had it, so the scenario's value holds: {', '.join(other)}")
@@ -103,6 +105,7 @@ def as_model_text(
     scenarios: Sequence[str],
     before: ModelFile | None = None,
     discrepancies: Sequence[Discrepancy] = (),
+    specimen: str | None = None,
 ) -> str:
     """The model file that says how the rig of the nominal `twin` was found, and what was known `before`."""
     known = [each for each in twin.model.lasting_tolerances(twin) if each.name in matched.names]
@@ -111,7 +114,7 @@ def as_model_text(
     lines = [] if before is None else as_identified(before)
     widths = {each.name: twin.widths[each.name] for each in known if each.name in twin.widths}
     return model_text(
-        twin.model.name, runs, scenarios, nominals, matched, remarks, widths, lines, discrepancies
+        twin.model.name, runs, scenarios, nominals, matched, remarks, widths, lines, discrepancies, specimen
     )
 
 

@@ -15,7 +15,7 @@ from daq.log.writer import LogWriter
 from rig.diagnosis import calibration
 from rig.diagnosis.calibration import Calibration
 from rig.diagnosis.recordings import recorded
-from rig.files.model_file import load_model
+from rig.files.model_file import load_model, parse_model
 from rig.files.scenario import parse_scenario
 from rig.twin.logged import campaign_with_model, carried, with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
@@ -149,6 +149,26 @@ def test_a_part_that_was_changed_since_is_open_again(tmp_path: Path) -> None:
     assert yoke.gain == pytest.approx(0.99)
     assert told == ["not as it was calibrated, so its tolerance is open again: contact_stiffness"]
     assert carried(model, [nominal(), twin_of(other)], told.append).names == ("yoke.force.gain",)
+
+
+def test_a_calibration_of_another_specimen_is_remarked() -> None:
+    model = parse_model(MODEL.replace("[[", 'specimen = "beam 3"\n[[', 1), "model", "impact_beam")
+    told: dict[str, list[str]] = {}
+    for notes in ("", 'specimen = "beam 3"', 'specimen = "beam 7"'):
+        scenario = parse_scenario(f"{SCENARIO}\n[notes]\n{notes}\n")
+        with_model(nominal(), model, scenario, told.setdefault(notes, []).append)
+    assert list(told.values()) == [[], [], ["the model is of another specimen, beam 3; this is beam 7"]]
+
+
+@pytest.mark.parametrize("command", ["calibrate", "diagnose", "gap"])
+def test_runs_of_two_specimens_are_refused(call: Call, reference: Path, tmp_path: Path, command: str) -> None:
+    noted = SCENARIO + '\n[notes]\nspecimen = "beam 7"\n'
+    other, out = record(tmp_path / "other.mcap", 4, told=noted), tmp_path / "out"
+    options = {"calibrate": ("-o", out), "diagnose": ("--out", out)}
+    answer = call(command, reference, other, *options.get(command, ()))
+    assert answer.code == 2
+    assert "other.mcap is of beam 7: runs of one rig" in answer.err
+    assert not out.exists()
 
 
 def test_a_campaign_is_matched_as_a_whole(reference: Path, tmp_path: Path) -> None:

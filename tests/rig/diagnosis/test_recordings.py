@@ -134,6 +134,16 @@ def test_runs_of_different_rigs_are_no_campaign(tmp_path: Path) -> None:
         recorded(paths)
 
 
+def test_runs_of_two_specimens_are_no_campaign(tmp_path: Path) -> None:
+    noted = BEAM + '[notes]\nspecimen = "beam 7"\n'
+    paths = [write(tmp_path / "a.mcap", beam(), noted), write(tmp_path / "b.mcap", turned(beam()), BEAM)]
+    with pytest.raises(
+        ConfigurationError, match=r"a\.mcap is of beam 7, b\.mcap is of none that is named: runs of one rig"
+    ):
+        recorded(paths)
+    assert recorded(paths[:1]).specimen == "beam 7"
+
+
 @pytest.mark.parametrize(
     ("run", "scenario", "references"),
     [(beam, BEAM, ["drive.force"]), (crank, CRANK, ["crank.angle", "crank.marker"])],

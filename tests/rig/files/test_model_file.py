@@ -33,6 +33,12 @@ def test_what_was_written_is_read() -> None:
     assert model.matched.covariance == pytest.approx(COVARIANCE, abs=2e-3)
 
 
+def test_the_specimen_that_it_is_of_is_read() -> None:
+    text = model_text("impact_beam", ["a"], ["a"], NOMINALS, FOUND, {}, specimen='the "old" beam')
+    assert parse_model(text, "model", "impact_beam").specimen == 'the "old" beam'
+    assert parse_model(TEXT, "model", "impact_beam").specimen is None
+
+
 def test_what_the_matched_twin_does_otherwise_is_read_too() -> None:
     wanted = (
         Discrepancy("contact.force_upper", "energy", 0.25, octave=9),
@@ -68,6 +74,7 @@ def test_a_model_of_another_rig_is_refused() -> None:
         ("correlations = [0.000, -0.200]", "correlations = [1.0, -1.0]", "tolerances", "at the same time"),
         ("runs =", "run =", "run", "did you mean runs"),
         ('runs = ["a.mcap"]', "runs = 3", "runs", "a list of texts"),
+        ("runs =", "specimen = 3\nruns =", "specimen", "a text"),
     ],
 )
 def test_faults_are_told(old: str, new: str, key: str, allowed: str) -> None:
