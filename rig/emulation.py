@@ -21,6 +21,7 @@ from drivers.ni_daq.emulator.wiring import (
     CounterWire,
     LowPassStage,
     MarkStage,
+    ResonanceStage,
     Wire,
 )
 from drivers.protocols.emergency_stop import STOP_TABLE
@@ -156,7 +157,9 @@ def wiring_of(bench: Bench) -> CardWiring:
                 else ChargeStage(amplifier.corner_hz, amplifier.output_v or INPUT_RANGES_V[-1]),
                 low_pass=None if low_pass is None else LowPassStage(low_pass.corner_hz, low_pass.order),
                 corner_hz=channel.corner_hz,
-                resonance_hz=channel.resonance_hz,
+                resonance=None
+                if channel.resonance is None
+                else ResonanceStage(channel.resonance.frequency_hz, channel.resonance.damping_ratio),
                 delay=channel.delay or 0.0,
                 mark=None if mark is None else MarkStage(mark.level, mark.falling),
             )

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from sim_twin.linear_filter import LinearFilter, resonance
 
 Array = NDArray[np.float64]
-_RESONANT = 0.02
-"""Damping ratio of a sensor's own resonance (assumed)."""
 _BAND = 0.45
 """Of the rate: what a low-pass takes away beyond, nobody sees."""
 
@@ -59,14 +57,15 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Stages:
-    """In the order of the signal: `resonance` and the corners `high_passes` in Hz; `output`, the largest
-    magnitude that the amplifier gives; `low_pass`, corner in Hz and order; `late`, by how much (s) the input
-    shows later than a counter what happens; `floor`, the rms of the input's own noise.
+    """In the order of the signal: `resonance` of the sensor, frequency in Hz and damping ratio; the corners
+    `high_passes` in Hz; `output`, the largest magnitude that the amplifier gives; `low_pass`, corner in Hz
+    and order; `late`, by how much (s) the input shows later than a counter what happens; `floor`, the rms of
+    the input's own noise.
 
     Magnitudes are in the channel's unit.
     """
 
-    resonance: float | None = None
+    resonance: tuple[float, float] | None = None
     high_passes: tuple[float, ...] = ()
     output: float = inf
     low_pass: tuple[float, int] | None = None
@@ -76,7 +75,7 @@ class Stages:
     @property
     def before(self) -> tuple[Section, ...]:
         """Up to the amplifier's output."""
-        own = () if self.resonance is None else (Section(self.resonance, _RESONANT),)
+        own = () if self.resonance is None else (Section(*self.resonance),)
         return (*own, *(Section(corner, high=True) for corner in self.high_passes))
 
     @property
@@ -106,7 +105,7 @@ class StageStream:
 
     def __init__(self, stages: Stages, rate: float, output: float) -> None:
         # what resonates may do so beyond half the rate, where no transform of its corner leads
-        own = [] if stages.resonance is None else [resonance(stages.resonance, _RESONANT, rate)]
+        own = [] if stages.resonance is None else [resonance(*stages.resonance, rate)]
         self._before = [*own, *(each.filter(rate) for each in stages.before if each.high)]
         self._after = [each.filter(rate) for each in stages.after if each.corner < _BAND * rate]
         self._output = output

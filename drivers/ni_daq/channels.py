@@ -147,6 +147,14 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
+class Resonance:
+    """A sensor's own resonance, as it is mounted; its damping ratio is assumed where nobody says it."""
+
+    frequency_hz: Annotated[float, Quantity("kHz", 0.1, 1000, key="resonance")]
+    damping_ratio: Annotated[float, Quantity("", 0.001, 0.5, key="resonance_damping")] = 0.02
+
+
+@dataclass(frozen=True, slots=True)
 class CardChannel:
     """One input: which sensor is on it, and its calibration.
 
@@ -156,9 +164,9 @@ class CardChannel:
     not `modelled` is none of the rig's: no twin predicts it.
 
     `in_stinger` says of a drive's force whether a gauge between shaker and rig shows it, or it is the coil's.
-    `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` the sensor's own as it is mounted; by
-    `delay` (s, or samples) an input shows later than a counter what happens. One that is `inverted` gives
-    below zero what the rig calls positive, and is turned round where it is read.
+    `corner_hz` is the high-pass of an IEPE sensor; by `delay` (s, or samples) an input shows later than a
+    counter what happens. One that is `inverted` gives below zero what the rig calls positive, and is turned
+    round where it is read.
     """
 
     name: Annotated[str, Text("a channel of the rig", r"[a-z0-9_.]+")]
@@ -179,7 +187,7 @@ class CardChannel:
     mark: Annotated[Mark | None, Flat()] = None
     in_stinger: Annotated[bool | None, Words({"coil": False, "stinger": True}, key="senses")] = None
     corner_hz: Annotated[float | None, Quantity("Hz", 0, 1000, above=True, key="corner")] = None
-    resonance_hz: Annotated[float | None, Quantity("kHz", 0.1, 1000, key="resonance")] = None
+    resonance: Annotated[Resonance | None, Flat()] = None
     delay: Annotated[float | Samples | None, Quantity("ms", 0, 200, samples=100)] = None
     inverted: Annotated[bool | None, Key()] = None
     unit: str = "V"  # this and what follows: by the rig's table of channels, no keys of a bench file
@@ -187,7 +195,16 @@ class CardChannel:
     location: str = ""
     sensor: str = ""
     excitation_a: float = 0.002
-    CHECKS: ClassVar = (*SENSING_CHECKS, _CALIBRATION)
+    CHECKS: ClassVar = (
+        *SENSING_CHECKS,
+        _CALIBRATION,
+        rule(
+            ("resonance", "resonance_damping"),
+            lambda channel: channel["resonance_damping"] is None or channel["resonance"] is not None,
+            "resonance",
+            "what is damped so, beside resonance_damping",
+        ),
+    )
 
     @property
     def volts_per_unit(self) -> float:

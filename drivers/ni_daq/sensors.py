@@ -87,7 +87,7 @@ SPEED: Final = {"rad/s": Quantity("rad/s", 0, 1e5, above=True)}
 ANY_UP_TO: Final = 1e9
 """Of a channel that no rig has, in its unit: 10,000 bar."""
 _VOLTS_EACH: Final = ("sensitivity", "range")
-_ANY_INPUT: Final = ("resonance", "delay", "inverted")
+_ANY_INPUT: Final = ("resonance", "resonance_damping", "delay", "inverted")
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from drivers.ni_daq.channels import (
     CardChannel,
     Mark,
     Pulses,
+    Resonance,
     input_range_v,
 )
 from rig.files.bench import Bench
@@ -65,8 +66,8 @@ def declared_by(bench: Bench, sample_rate: float) -> dict[str, str]:
 def _stated(channel: CardChannel, sample_rate: float) -> dict[str, object]:
     amplifier, low_pass, pulses, mark = channel.amplifier, channel.anti_alias, channel.pulses, channel.mark
     delay_s = seconds(channel.delay, sample_rate)
-    own = (channel.corner_hz, channel.resonance_hz, delay_s, channel.in_stinger)
-    if not (amplifier or low_pass or channel.counted or mark or any(own)):
+    own, resonance = (channel.corner_hz, delay_s, channel.in_stinger), channel.resonance
+    if not (amplifier or low_pass or channel.counted or mark or resonance or any(own)):
         return {}
     chain: dict[str, object] = {
         "physical": channel.physical,
@@ -94,7 +95,8 @@ def _stated(channel: CardChannel, sample_rate: float) -> dict[str, object]:
         "mark": mark and {"angle_rad": mark.angle, "level_v": mark.level, "falling": mark.falling},
         "senses": _STINGER if channel.in_stinger else "",
         "corner_hz": channel.corner_hz,
-        "resonance_hz": channel.resonance_hz,
+        "resonance_hz": resonance and resonance.frequency_hz,
+        "resonance_damping": resonance and resonance.damping_ratio,
         "delay_s": delay_s,
     }
     return {key: value for key, value in chain.items() if value}
@@ -158,8 +160,9 @@ def stages_of(record: Mapping[str, str], name: str) -> Stages:
     corners = chain.number("amplifier.corner_hz"), chain.number("corner_hz")
     corner, order = chain.number("filter.corner_hz"), chain.number("filter.order")
     output_v = chain.number("amplifier.output_v")
+    own_hz, damping = chain.number("resonance_hz"), chain.number("resonance_damping")
     return Stages(
-        resonance=chain.number("resonance_hz"),
+        resonance=None if own_hz is None else (own_hz, damping or Resonance(own_hz).damping_ratio),
         high_passes=tuple(each for each in corners if each),
         output=output_v / scale if scale and output_v else inf,
         low_pass=(corner, round(order)) if corner and order else None,
@@ -178,7 +181,8 @@ _DECLARED: Final[Mapping[str, tuple[type[Any], str]]] = {
     "filter.corner_hz": (AntiAliasFilter, "corner_hz"),
     "filter.order": (AntiAliasFilter, "order"),
     "corner_hz": (CardChannel, "corner_hz"),
-    "resonance_hz": (CardChannel, "resonance_hz"),
+    "resonance_hz": (Resonance, "frequency_hz"),
+    "resonance_damping": (Resonance, "damping_ratio"),
     "delay_s": (CardChannel, "delay"),
     "counts": (EncoderIdentity, "counts_per_revolution"),
     "mounting_rad": (EncoderSettings, "mounting"),

@@ -15,7 +15,14 @@ from daq.block import Flag
 from daq.quantity import Samples
 from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import Amplifier, AntiAliasFilter, CardChannel, CardSettings, Mark
-from drivers.ni_daq.emulator.wiring import CardWiring, ChargeStage, LowPassStage, MarkStage, Wire
+from drivers.ni_daq.emulator.wiring import (
+    CardWiring,
+    ChargeStage,
+    LowPassStage,
+    MarkStage,
+    ResonanceStage,
+    Wire,
+)
 from drivers.ni_daq.quality import QualityWatch
 from drivers.protocols.card import CardReading, Finding
 from tests.drivers.in_process import RowsPlant, opened
@@ -248,10 +255,17 @@ def test_an_input_that_is_late_shows_it_later(samples: float) -> None:
 
 
 def test_a_sensor_rings_at_its_own_frequency() -> None:
-    wire = Wire("force", TRUE, resonance_hz=4000.0, corner_hz=5.0)
+    wire = Wire("force", TRUE, resonance=ResonanceStage(4000.0, 0.02), corner_hz=5.0)
     values = values_of(read(sine(2000.0, 10.0), wire, FORCE))[5120:]
     warped = math.tan(math.pi * 2000.0 / RATE) / math.tan(math.pi * 4000.0 / RATE)
     assert np.sqrt(2.0) * values.std() == pytest.approx(10.0 / (1 - warped**2), rel=2e-3)
+
+
+@pytest.mark.parametrize("damping_ratio", [0.02, 0.1])
+def test_a_sensor_rings_as_its_damping_lets_it(damping_ratio: float) -> None:
+    wire = Wire("force", TRUE, resonance=ResonanceStage(4000.0, damping_ratio))
+    values = values_of(read(sine(4000.0, 1.0), wire, FORCE))[5120:]
+    assert np.sqrt(2.0) * values.std() == pytest.approx(1 / (2 * damping_ratio), rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["voltage", "force_iepe"])

@@ -46,8 +46,15 @@ def test_a_high_pass_is_the_butterworth_of_scipy() -> None:
     assert StageStream(stages, FINE, inf)(step) == pytest.approx(wanted_step, abs=1e-9)
 
 
+@pytest.mark.parametrize("damping", [0.02, 0.1])
+def test_a_sensor_rings_as_its_damping_lets_it(damping: float) -> None:
+    stages = Stages(resonance=(3000.0, damping))
+    assert abs(stages.response(3000.0)) == pytest.approx(1 / (2 * damping))
+    assert abs(settled(SensorChain(stages=stages), 3000.0)) == pytest.approx(1 / (2 * damping), rel=0.02)
+
+
 def test_the_delay_is_that_of_slow_signals() -> None:
-    stages = Stages(low_pass=(1000.0, 5), late=2e-4, resonance=9000.0)
+    stages = Stages(low_pass=(1000.0, 5), late=2e-4, resonance=(9000.0, 0.02))
     assert stages.delay == pytest.approx(-np.angle(stages.response(0.5)) / pi, rel=1e-5)
     assert Section(10.0, high=True).delay == 0.0
 
@@ -68,7 +75,7 @@ def settled(chain: SensorChain, frequency: float) -> complex:
     [
         Stages(high_passes=(3.0, 0.7)),
         Stages(low_pass=(2000.0, 6)),
-        Stages(resonance=30_000.0),
+        Stages(resonance=(30_000.0, 0.02)),
         Stages(late=1.3e-3),
         Stages(high_passes=(8.0,), low_pass=(9000.0, 4), late=4e-4),
     ],

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.quantity import seconds
-from drivers.ni_daq.emulator.wiring import FASTEST_HZ, CardWiring, CounterWire, Input, Wire
+from drivers.ni_daq.emulator.wiring import FASTEST_HZ, CardWiring, CounterWire, Input, ResonanceStage, Wire
 
 HALF_CODES = 2.0**23  # 24 bits, both signs
 
@@ -81,8 +81,8 @@ def stages_of(wire: Wire, rate_hz: float) -> list[Stage]:
         full_v = _PLANT_MARK_V * wire.volts_per_unit
         gain = mark.level_v / _PLANT_MARK_V
         stages.append(lambda volts: gain * (full_v - volts if mark.falling else volts))
-    if wire.resonance_hz is not None and wire.resonance_hz < rate_hz / 2.0:
-        stages.append(_Resonance(wire.resonance_hz, rate_hz))
+    if wire.resonance is not None and wire.resonance.frequency_hz < rate_hz / 2.0:
+        stages.append(_Resonance(wire.resonance, rate_hz))
     if wire.corner_hz is not None:
         stages.append(_HighPass(wire.corner_hz, rate_hz))
     if charge is not None and charge.reset:
@@ -100,7 +100,6 @@ def stages_of(wire: Wire, rate_hz: float) -> list[Stage]:
 
 
 _PLANT_MARK_V = 5.0
-_RESONANT = 0.02
 _DELAYED_BY = 24
 """Samples before and behind that tell what lies between two."""
 
@@ -155,11 +154,11 @@ class _LowPass:
 class _Resonance:
     """A sensor that rings at its own frequency."""
 
-    def __init__(self, frequency_hz: float, rate_hz: float) -> None:
+    def __init__(self, own: ResonanceStage, rate_hz: float) -> None:
         from scipy import signal
 
-        omega = 2.0 * rate_hz * math.tan(math.pi * frequency_hz / rate_hz)
-        poles = [omega**2], [1.0, 2.0 * _RESONANT * omega, omega**2]
+        omega = 2.0 * rate_hz * math.tan(math.pi * own.frequency_hz / rate_hz)
+        poles = [omega**2], [1.0, 2.0 * own.damping_ratio * omega, omega**2]
         self._b, self._a = signal.bilinear(*poles, fs=rate_hz)
         self._state = np.zeros(2)
         self._filtered = signal.lfilter

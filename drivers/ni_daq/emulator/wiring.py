@@ -64,6 +64,14 @@ class LowPassStage:
 
 
 @dataclass(frozen=True, slots=True)
+class ResonanceStage:
+    """A sensor's own resonance, as it is mounted."""
+
+    frequency_hz: float
+    damping_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
 class MarkStage:
     """What a photonic marker really gives for the plant's mark of 0 and 5 V: `level_v`, or less of it."""
 
@@ -78,7 +86,7 @@ class Wire:
     `volts_per_unit` is the true sensitivity in V per SI unit, amplifier included, whatever a bench file says;
     `range_v` is where the input clips, in V; `connected` is false for a cable that hangs loose, `shorted`
     true for one whose conductors touch. Without a `plant_channel` the sensor is in order and shows nothing.
-    `corner_hz` is the high-pass of an IEPE sensor, `resonance_hz` its own, `delay` (s) that of the input.
+    `corner_hz` is the high-pass of an IEPE sensor, `delay` (s) that of the input.
     """
 
     plant_channel: str
@@ -89,7 +97,7 @@ class Wire:
     charge: ChargeStage | None = None
     low_pass: LowPassStage | None = None
     corner_hz: float | None = None
-    resonance_hz: float | None = None
+    resonance: ResonanceStage | None = None
     delay: float | Samples = 0.0
     mark: MarkStage | None = None
     teds: Teds | None = None

@@ -89,12 +89,14 @@ class RodBending:
 class PlanarSliderCrank:
     """The rig, in SI (Table 1 of the source; what it leaves open is assumed).
 
-    `clearance_1` (crank pin) and `clearance_2` (piston pin) are radial; `stiffness_scales` multiply the two
-    contact stiffnesses of eq. 9. Centres of mass lie at the fractions `crank_centre`, `rod_centre` of the
-    lengths. Joint friction sets in between the sliding speeds `friction_v_0` and `friction_v_1`; the guide's
-    ramp is `guide_v_1` wide. `approach_floor` is the least approach speed that a contact latches. The marker
-    rises at crank angle `marker_angle` (rad). The guide is inclined by `incline` rad, the crank at its upper
-    end: gravity acts along (sin i, -cos i).
+    `clearance_1` (crank pin) and `clearance_2` (piston pin) are radial and above 0: the stiffness of eq. 9
+    grows without end as a journal fills its bearing, and a joint without clearance is a constraint, which
+    these equations of motion do not have. `stiffness_scales` multiply the two contact stiffnesses of eq. 9.
+    Centres of mass lie at the fractions `crank_centre`, `rod_centre` of the lengths. Joint friction sets in
+    between the sliding speeds `friction_v_0` and `friction_v_1`; the guide's ramp is `guide_v_1` wide.
+    `approach_floor` is the least approach speed that a contact latches. The marker rises at crank angle
+    `marker_angle` (rad). The guide is inclined by `incline` rad, the crank at its upper end: gravity acts
+    along (sin i, -cos i).
     """
 
     kind: ClassVar[str] = "planar_slider_crank"

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from daq.errors import ConfigurationError, LogError
+from drivers.ni_daq.emulator.wiring import ResonanceStage
 from rig.emulated_rig import drawn_rig
+from rig.emulation import wiring_of
 from rig.files.bench import Bench, embedded_bench, parse_bench
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
@@ -58,7 +60,9 @@ def test_what_is_declared_is_what_the_twin_has() -> None:
     upper = twin.sensors["contact.force_upper"]
     assert upper == SensorChain(
         noise=0.05,
-        stages=Stages(60e3, (2.0,), pytest.approx(6 / volts), (3e3, 5), 1.2e-3, pytest.approx(50e-6 / volts)),
+        stages=Stages(
+            (60e3, 0.02), (2.0,), pytest.approx(6 / volts), (3e3, 5), 1.2e-3, pytest.approx(50e-6 / volts)
+        ),
         limit=pytest.approx(5 / volts),
     )
     lower = twin.sensors["contact.force_lower"]
@@ -66,6 +70,19 @@ def test_what_is_declared_is_what_the_twin_has() -> None:
     assert settling_s(twin, 0.0) == pytest.approx(1.0)
     slow = with_chains(twin_of(BEAM), {"chain.yoke.force": json.dumps({"corner_hz": 0.2})})
     assert settling_s(slow, 0.0) == pytest.approx(5 / (2 * pi * 0.2))
+
+
+def test_a_resonance_is_as_damped_as_the_bench_says_and_as_assumed_where_nobody_does() -> None:
+    own = 'resonance = "28 kHz"\nresonance_damping = 0.05\n'
+    bench = bench_of("impact_beam", "yoke.force", own)
+    twin = twin_of(BEAM, (), declared_by(bench, RATE))
+    assert twin.sensors["yoke.force"].stages == Stages((28e3, 0.05))
+    (wire,) = [each for each in wiring_of(bench).wires.values() if each.plant_channel == "yoke.force"]
+    assert wire.resonance == ResonanceStage(28e3, 0.05)
+    of_before = with_chains(twin_of(BEAM), {"chain.yoke.force": json.dumps({"resonance_hz": 28e3})})
+    assert of_before.sensors["yoke.force"].stages == Stages((28e3, 0.02))
+    with pytest.raises(ConfigurationError, match=r"resonance = \(missing\): what is damped so"):
+        bench_of("impact_beam", "yoke.force", "resonance_damping = 0.05\n")
 
 
 @pytest.mark.parametrize("rate", [25_600.0, 51_200.0])
