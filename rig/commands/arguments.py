@@ -50,6 +50,12 @@ Model = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print machine-readable output.")]
 Live = Annotated[bool, typer.Option("--live", help="Show it in a browser while it goes on.")]
+Note = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--note", metavar="KEY=TEXT", help="What this run is: operator=Ada. May come again; rattle runs."
+    ),
+]
 
 RUNS = Path("runs")
 """Where logs go unless another folder is named."""
@@ -108,9 +114,9 @@ def as_toml(text: str) -> object:
         return text
 
 
-def noted(texts: list[str]) -> Iterator[tuple[str, object]]:
+def noted(texts: list[str] | None) -> Iterator[tuple[str, object]]:
     """What --note says, by key of the scenario: always a text."""
-    for text in texts:
+    for text in texts or []:
         key, mark, value = (each.strip() for each in text.partition("="))
         if not mark or not key or not value or "." in key:
             raise typer.BadParameter(f'--note {text}: KEY=TEXT, such as operator="Ada"')

@@ -110,7 +110,8 @@ def gap(
     if machine:
         print_json(found)
         return
-    screen.say(f"gap     {found['before']:.2f}   (1 = as far as a healthy rig)")
+    up_to = f"; healthy up to {found['healthy_up_to']:.2f}" if "healthy_up_to" in found else ""
+    screen.say(f"gap     {found['before']:.2f}   (1 = as far as a healthy rig{up_to})")
     if effects is not None:
         shrink = "" if found["shrink"] is None else f"   shrink {found['shrink']:.0%}"
         screen.say(f"with {effects.name}   {found['after']:.2f}{shrink}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import math
+from functools import partial
 from math import tau
 from pathlib import Path
 from typing import Annotated
@@ -16,9 +17,12 @@ from rig.commands.arguments import (
     RUNS,
     BenchFile,
     Json,
+    Note,
     RunFiles,
     ScenarioFile,
     load_pair,
+    noted,
+    once,
     out_folder,
     print_json,
 )
@@ -35,6 +39,7 @@ def dwell(
     each: Annotated[str, typer.Option("--each", metavar="TIME", help="How long at each.")] = "8 s",
     bench_file: BenchFile = None,
     out: Annotated[Path, out_folder("Where logs go.")] = RUNS,
+    note: Note = None,
 ) -> None:
     from daq.angle.skew import fastest_rad_s
     from daq.clock import SystemClock
@@ -46,7 +51,7 @@ def dwell(
     from rig.session.dwells import DwellRequest, record_dwells
 
     screen = Screen(Terminal(stderr=False))
-    scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
+    scenario, bench = load_pair(partial(load_scenario, settings=once(noted(note))), scenario_file, bench_file)
     named = [speed.strip() for speed in speeds.split(",") if speed.strip()]
     if not 1 <= len(named) <= _MOST:
         allowed = f'1 to {_MOST} speeds with a comma between them, such as "100 rpm, 250 rpm"'

@@ -20,6 +20,7 @@ from rig.commands.arguments import (
     Json,
     Live,
     Model,
+    Note,
     ScenarioFile,
     as_toml,
     load_pair,
@@ -44,10 +45,7 @@ def run(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Another value of the scenario. May come again."),
     ] = None,
-    note: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=TEXT", help="What this run is: operator=Ada. May come again; rattle runs."),
-    ] = None,
+    note: Note = None,
     duration: Annotated[
         str | None, typer.Option("--duration", metavar="TIME", help="How long to record.")
     ] = None,
@@ -68,7 +66,7 @@ def run(
     from rig.twin.scenario_twin import check_twin
 
     screen = Screen(Terminal(stderr=as_json))
-    given = [*noted(note or []), *overrides(settings or [])]
+    given = [*noted(note), *overrides(settings or [])]
     if duration is not None:
         given.append(("acquisition.duration", as_toml(duration)))
     changed = once(given)

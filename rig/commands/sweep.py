@@ -18,8 +18,11 @@ from rig.commands.arguments import (
     Json,
     Live,
     Model,
+    Note,
     ScenarioFile,
     load_pair,
+    noted,
+    once,
     out_folder,
     print_json,
 )
@@ -41,6 +44,7 @@ def centre(
         typer.Option("-o", "--out", metavar="FILE.toml", help="Without: SCENARIO.centred.toml beside it."),
     ] = None,
     runs: Annotated[Path, out_folder("Where the log goes.", "--runs")] = RUNS,
+    note: Note = None,
     as_json: Json = False,
 ) -> None:
     from daq.clock import SystemClock
@@ -53,7 +57,9 @@ def centre(
     from rig.twin.scenario_twin import check_twin
 
     screen = Screen(Terminal(stderr=as_json))
+    notes = once(noted(note))
     scenario, bench = load_pair(load_scenario, scenario_file, bench_file)
+    recorded = load_scenario(scenario_file, notes)  # what is written has no notes of this search
     written = scenario_file.with_suffix(".centred.toml") if out is None else out
     if written.exists():
         raise RattleError(f"{written} is there already; name another file with -o")
@@ -63,7 +69,7 @@ def centre(
     plan = plan_of(scenario, bench)
     screen.say(f"sine       {plan.sine.amplitude:.3g} N at {plan.frequency:.3g} Hz, offsets up to "
                f"+-{plan.farthest:.3g} N, {plan.probe_s:.1f} s at each")  # fmt: skip
-    middle, log = find_centre(scenario, bench, plan, connect, screen, SystemClock(), runs)
+    middle, log = find_centre(recorded, bench, plan, connect, screen, SystemClock(), runs)
     found = found_lines(middle, plan)
     for line in found:
         screen.say(line)
@@ -120,6 +126,7 @@ def sweep(
     set_again: Annotated[bool, typer.Option("--set-again", help="Confirm anew what is set by hand.")] = False,
     live: Live = False,
     model: Model = None,
+    note: Note = None,
     as_json: Json = False,
 ) -> None:
     from daq.clock import SystemClock
@@ -133,7 +140,7 @@ def sweep(
     from rig.sweep.state import held, load_state
 
     screen = Screen(Terminal(stderr=as_json))
-    swept, bench = load_pair(load_sweep, sweep_file, bench_file)
+    swept, bench = load_pair(partial(load_sweep, settings=once(noted(note))), sweep_file, bench_file)
     plain = re.sub(r"[^A-Za-z0-9]+", "-", swept.name).strip("-").lower()[:60] or "sweep"
     folder = RUNS / plain if out is None else out
     asked = frozenset(again or [])

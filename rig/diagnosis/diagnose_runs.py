@@ -35,6 +35,7 @@ from sim_twin.diagnosis.campaign import Campaign, horizon_s
 from sim_twin.diagnosis.diagnose import diagnose, effort_for
 from sim_twin.diagnosis.findings import Findings, Judged
 from sim_twin.diagnosis.gap import gap_measure
+from sim_twin.diagnosis.healthy_band import healthy_band
 from sim_twin.diagnosis.judging import gap_between
 from sim_twin.diagnosis.latent_force import latent_forces
 from sim_twin.diagnosis.separability import rivals_of, told_apart
@@ -221,7 +222,10 @@ Fingerprints: TypeAlias = NDArray[np.float64]
 def measured_gap(
     runs: Sequence[Path], model: Path | None, effects: Path | None, seed: int, screen: Screen
 ) -> dict[str, Any]:
-    """The gap block of a diagnosis over all cycles of the runs; with `effects` in the twin too."""
+    """The gap block of a diagnosis over all cycles of the runs; with `effects` in the twin too.
+
+    Of one run also how far healthy rigs lie.
+    """
     data = recorded_of(runs, model, screen)
     for remark in data.remarks:
         screen.warn(remark)
@@ -241,7 +245,10 @@ def measured_gap(
     shares: dict[str, float] = {}
     for place, size in zip(places, moved, strict=False):
         shares[place] = shares.get(place, 0.0) + size / sum(moved)
-    return gap_block(data.campaign.layout, found, shares)
+    block = gap_block(data.campaign.layout, found, shares)
+    if len(data.paths) == 1:
+        block["healthy_up_to"] = healthy_band(healthy, data.campaign.layout).gap_up_to
+    return block
 
 
 def _simulated(

@@ -16,7 +16,7 @@ from rig.files.faults import Faults, read_toml, toml_of
 from rig.files.file_kind import read_file
 from rig.files.scenario import LEVEL_UP_TO, Scenario, scenario_of, with_values
 from rig.files.sweep_axes import Axis, Value, read_axes, there_and_back
-from rig.files.table import FieldError, quantity_field, read_table, sound_values, unknown_keys
+from rig.files.table import NOTHING, FieldError, quantity_field, read_table, sound_values, unknown_keys
 from rig.rigs import RIGS
 from rig.rigs.kind import RigKind
 
@@ -100,12 +100,15 @@ class Sweep:
     base: str
 
 
-def load_sweep(path: str | Path) -> Sweep:
-    """Read a sweep file; raises ConfigurationError with every fault in it and in its points."""
-    return parse_sweep(read_file(path, "sweep"), str(path), Path(path).resolve().parent)
+def load_sweep(path: str | Path, settings: Mapping[str, object] = NOTHING) -> Sweep:
+    """Read a sweep file, some keys of its scenario with other values.
+
+    Raises ConfigurationError with every fault in it and in its points.
+    """
+    return parse_sweep(read_file(path, "sweep"), str(path), Path(path).resolve().parent, settings)
 
 
-def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
+def parse_sweep(text: str, source: str, folder: Path, settings: Mapping[str, object] = NOTHING) -> Sweep:
     """Read a sweep's text; the path of its scenario starts from `folder`."""
     faults = Faults(source)
     table = read_toml(text, source)
@@ -131,7 +134,7 @@ def parse_sweep(text: str, source: str, folder: Path) -> Sweep:
     faults.raise_if_any()
     if section is None or acquisition is None:
         raise faults.error()
-    base = _with_acquisition(base, table.get("acquisition", {}), until)
+    base = _with_acquisition(with_values(base, settings), table.get("acquisition", {}), until)
     points = tuple(_points(section.name, base, ordered, acquisition.cycles, kind, faults))
     faults.raise_if_any()
     points = _with_paths(points, ordered)

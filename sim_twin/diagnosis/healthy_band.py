@@ -76,6 +76,11 @@ class HealthyBand:
     limits: Array
     rigs: int
 
+    @property
+    def gap_up_to(self) -> float:
+        """How far a healthy rig lies off in all at most, as a gap of the `measure`."""
+        return float(np.exp(self.typical[0] + self.limits[0] * self.spread[0])) / self.measure.unit
+
     def places(self, blocks: NDArray[np.floating]) -> list[Place]:
         """All of a run's fingerprints (blocks, numbers) first, then its channels, the farthest off first."""
         cells, layout = self.measure.cells(blocks), self.measure.layout

@@ -159,7 +159,8 @@ def test_the_gap_with_the_effects_file_is_what_the_diagnosis_said(campaign: Camp
     assert block["before"] == pytest.approx(said["before"], rel=0.2)
     assert block["after"] == pytest.approx(said["after"], rel=0.3)
     assert block["shrink"] > 0.7
-    assert set(block) == set(said)
+    assert set(block) == {*said, "healthy_up_to"}
+    assert block["before"] > block["healthy_up_to"] > 1
     assert block["by_location"] == {"contact joint": 1.0}
     assert (campaign.out / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
@@ -257,6 +258,16 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_simulated
     answer = call("diagnose", run, "--out", out)
     assert answer.code == WRONG_USE
     assert f"'--out': {tmp_path / 'file'} is a file; name a folder" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("more", "told"), [({}, "rig)"), ({"healthy_up_to": 1.3}, "rig; healthy up to 1.30)")]
+)
+def test_the_gap_of_one_run_stands_beside_that_of_healthy_rigs(
+    call: Call, run: Path, monkeypatch: pytest.MonkeyPatch, more: dict[str, float], told: str
+) -> None:
+    monkeypatch.setattr(diagnosing, "measured_gap", lambda *_: {"before": 1.2} | more)
+    assert f"gap     1.20   (1 = as far as a healthy {told}" in call("gap", run).out
 
 
 def test_effects_that_the_rig_does_not_have_are_wrong_use(call: Call, run: Path, tmp_path: Path) -> None:

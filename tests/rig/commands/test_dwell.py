@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from daq.log.writer import LogWriter
-from rig.files.scenario import load_scenario
+from rig.files.scenario import Scenario, load_scenario, parse_scenario
+from rig.session import dwells
+from rig.session.dwells import DwellRequest
 from tests.rig.commands.cli import Call
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
@@ -31,6 +33,21 @@ def test_wrong_speeds_and_times_are_refused(
     assert answer.code == 2
     assert re.search(said, answer.err.replace("\n", " "))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_note_stands_in_the_scenario_of_every_speed(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted: list[Scenario] = []
+
+    def recorded(request: DwellRequest, *_: object) -> Path:
+        wanted.extend(request.scenarios)
+        return tmp_path / "log.mcap"
+
+    monkeypatch.setattr(dwells, "record_dwells", recorded)
+    answer = call("dwell", CRANK, "--speeds", "60 rpm, 90 rpm", "--note", "operator=Ada", "--out", tmp_path)
+    assert answer.code == 0, answer.err
+    assert [parse_scenario(each.text).notes["operator"] for each in wanted] == ["Ada", "Ada"]
 
 
 def test_a_rig_that_does_not_turn_is_refused(call: Call, tmp_path: Path) -> None:

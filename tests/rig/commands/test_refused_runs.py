@@ -107,6 +107,15 @@ def test_a_setting_that_cannot_be_is_refused_with_what_may_stand_there(
     assert not (tmp_path / "runs").exists()
 
 
+NOTED = {
+    "run": ("impact_beam.toml", "--out"),
+    "sweep": ("beam_frequency.sweep.toml", "--out"),
+    "dwell": ("planar_slider_crank.toml", "--speeds", "60 rpm", "--out"),
+    "centre": ("impact_beam_shaker.toml", "--runs"),
+}
+
+
+@pytest.mark.parametrize("command", NOTED)
 @pytest.mark.parametrize(
     ("notes", "told"),
     [
@@ -117,9 +126,12 @@ def test_a_setting_that_cannot_be_is_refused_with_what_may_stand_there(
         (["my key=c"], "a key of letters, digits"),
     ],
 )
-def test_a_note_that_cannot_be_is_refused(call: Call, tmp_path: Path, notes: list[str], told: str) -> None:
+def test_a_note_that_cannot_be_is_refused(
+    call: Call, tmp_path: Path, command: str, notes: list[str], told: str
+) -> None:
     options = [part for each in notes for part in ("--note", each)]
-    answer = call("run", SCENARIOS / "impact_beam.toml", *options, "--out", tmp_path / "runs")
+    file, *more = NOTED[command]
+    answer = call(command, SCENARIOS / file, *options, *more, tmp_path / "runs")
     assert answer.code == 2
     assert told in answer.err
 

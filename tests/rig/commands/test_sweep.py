@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from daq.errors import RattleError
+from rig.files.scenario import Scenario, parse_scenario
+from rig.session import centring_run
 from tests.end_to_end.files import write_bench, write_scenario
 from tests.rig.commands.cli import Call
 from tests.rig.files.test_model_file import TEXT as MODEL
@@ -105,6 +108,21 @@ def test_a_scenario_that_is_there_is_not_written_over(call: Call, tmp_path: Path
     assert answer.code == 1
     assert "there.toml is there already; name another file with -o" in answer.err
     assert (tmp_path / "there.toml").read_text() == "mine"
+
+
+def test_a_note_stands_in_the_log_of_a_search_for_the_middle(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted: list[Scenario] = []
+
+    def found(scenario: Scenario, *_: object) -> None:
+        wanted.append(scenario)
+        raise RattleError("enough")
+
+    monkeypatch.setattr(centring_run, "find_centre", found)
+    options = ("--note", "operator=Ada", "-o", tmp_path / "centred.toml", "--runs", tmp_path / "runs")
+    assert "enough" in call("centre", SCENARIOS / "impact_beam_shaker.toml", *options).err
+    assert [parse_scenario(each.text).notes for each in wanted] == [{"operator": "Ada"}]
 
 
 @pytest.mark.parametrize("rig", ["planar_slider_crank", "spatial_slider_crank"])

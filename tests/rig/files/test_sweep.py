@@ -45,6 +45,16 @@ def test_the_examples_are_sound(name: str) -> None:
         assert parse_scenario(point.scenario.text) == point.scenario
 
 
+def test_other_values_of_its_scenario_stand_in_every_point_and_leave_the_sweep_as_it_is() -> None:
+    file = SCENARIOS / "beam_frequency.sweep.toml"
+    plain, noted = load_sweep(file), load_sweep(file, {"notes.operator": "Ada"})
+    assert {point.scenario.notes["operator"] for point in noted.points} == {"Ada"}
+    assert [parse_scenario(point.scenario.text) for point in noted.points] == [
+        point.scenario for point in noted.points
+    ]
+    assert (noted.text, noted.base) == (plain.text, plain.base)  # so it goes on where it was without them
+
+
 def test_the_last_axis_changes_at_every_point_and_order_says_which_is_last() -> None:
     axes = '"drive.frequency" = ["19 Hz", "20 Hz"]\n"drive.amplitude" = ["6 N", "9 N"]'
     inner = sweep(axes)

@@ -72,6 +72,13 @@ def test_what_is_off_is_named_with_its_channel_and_its_worst_cell(band: HealthyB
     assert first.gap > whole.gap > first.farthest > 1.0
 
 
+def test_how_far_healthy_rigs_lie_is_told_as_a_gap_too(band: HealthyBand) -> None:
+    blocks = rig(np.random.default_rng(3)) + 4.0
+    (whole, *_), gap = band.places(blocks), band.measure.total(band.measure.cells(blocks))
+    assert gap / band.gap_up_to == pytest.approx(whole.gap / whole.farthest)
+    assert 1.0 < band.gap_up_to < gap
+
+
 def test_what_is_a_little_higher_everywhere_is_seen_by_its_level() -> None:
     rng = np.random.default_rng(6)
     band = healthy_band([rig(rng) for _ in range(RIGS)], LAYOUT)
