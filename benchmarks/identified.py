@@ -364,9 +364,9 @@ def score(results: Results) -> bool:
         met &= _score_effects(found["effects"])
         for name, words in (("usual", "as shipped"), ("own", "as learnt of five")):
             beyond = [each[name] for each in found["healthy"]]
-            print(f"  healthy rigs twice as wide, tolerances {words}: {share_of(beyond)} called off")
+            print(f"  healthy rigs twice as wide, called off by tolerances {words}: {share_of(beyond)}")
         called_off += [each["own"] for each in found["healthy"]]
-    print(f"healthy rigs of all kinds, tolerances as learnt of five: {share_of(called_off)} called off")
+    print(f"healthy rigs of all kinds, called off by tolerances as learnt of five: {share_of(called_off)}")
     return met and sum(called_off) <= CALLED_OFF * len(called_off)
 
 
@@ -392,14 +392,16 @@ def _score_values(results: Sequence[Mapping[str, Any]]) -> bool:
     print(f"  gap afterwards within {GAP}: {share_of(within)}")
     middle = f"{np.median(before):.2f} before, {np.median(after):.2f} after"
     print(f"  gap, medians: {middle}; largest {max(after):.2f}")
-    wall_s, most = [each["wall_s"] for each in results], max(each["cores"] for each in results)
+    wall_s, most = [float(each["wall_s"]) for each in results], max(int(each["cores"]) for each in results)
     print(f"  seconds on {most} cores: median {np.median(wall_s):.0f}, largest {max(wall_s):.0f}")
     on_time = max(wall_s) <= WALL_S and most <= CORES
     return len(done) == len(results) and HOLD[0] <= share <= HOLD[1] and all(within) and on_time
 
 
 def _score_effects(results: Sequence[Mapping[str, Any]]) -> bool:
-    right = {name: [each[name]["right"] for each in results] for name in ("identified", "nominal")}
+    right: dict[str, list[bool]] = {
+        name: [each[name]["right"] for each in results] for name in ("identified", "nominal")
+    }
     for name, each in right.items():
         print(f"  single effects on {name} rigs, first answer right: {share_of(each)}")
     return sum(right["identified"]) >= sum(right["nominal"]) - POINTS * len(results)

@@ -26,7 +26,7 @@ def wilson(hits: float, trials: int) -> Interval:
 def share_of(hits: Sequence[bool]) -> str:
     """How many of how many, with their share and its interval."""
     if not hits:
-        return "none"
+        return "nothing measured"
     low, high = wilson(sum(hits), len(hits))
     return f"{sum(hits)} of {len(hits)} ({sum(hits) / len(hits):.3f}, 95 %: {low:.3f} to {high:.3f})"
 
