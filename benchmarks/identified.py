@@ -241,7 +241,8 @@ def identify_rig(case: Case, budget_s: float) -> None:
     built, seed = partial(BUILT[rig], values), 1000 * case.seed + case.number
     paths = recorded_runs(folder, rig, points, seed, built)
     model, free = folder / "model.toml", ",".join(FREE[rig])
-    model.unlink(missing_ok=True)  # of a call that was ended before its result was kept
+    for left in folder.glob("model*.toml"):  # by a call that was ended before its result was kept
+        left.unlink()
     spent, began = folder / "wall_s.txt", time.monotonic()
     before_s = float(spent.read_text()) if spent.exists() else 0.0
     try:

@@ -439,8 +439,8 @@ def rows(found: Identification, rig: str) -> list[tuple[str, ...]]:
     told: list[tuple[str, ...]] = []
     for each, middle in zip(_identified(found).values(), found.known.estimates(), strict=True):
         unit = _unit(rig, each.key)
-        value = f"{middle.value / si_factor(unit):.4g} {unit}".strip() if each.told else "-"
-        told.append((each.key, value, *_said(each, rig)))
+        value = f"{middle.value / si_factor(unit):.4g}" if each.told else "-"
+        told.append((each.key, f"{value} {unit}".strip(), *_said(each, rig)))
     return told
 
 

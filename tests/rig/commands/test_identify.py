@@ -341,7 +341,7 @@ def test_what_is_not_told_is_no_value_of_model_and_goes_with_the_others() -> Non
     text = model_text_of(found, kind.name, ["run.mcap"], ["reference"])
     tables = tomllib.loads(text)
     assert (set(tables["model"]), set(tables["not_told"])) == ({"contact_stiffness"}, {"modal_damping"})
-    assert [row[1] == "-" for row in rows(found, kind.name)] == [False, True]
+    assert [row[1].startswith("-") for row in rows(found, kind.name)] == [False, True]
     model = parse_model(text, "model", kind.name)
     twin = with_model(twin_of(scenario), model, scenario, pytest.fail)
     assert twin.rig.contact_stiffness == pytest.approx(known.estimates()[0].value, rel=1e-5)
