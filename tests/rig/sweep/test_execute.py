@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import csv
 import dataclasses
 import json
 import os
+import re
 import signal
 from pathlib import Path
 from types import SimpleNamespace
