@@ -17,7 +17,6 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 _OF_PYTHON = 96
 """Bytes of an object that Python has in its own pools, about; with `PYTHONMALLOC=malloc` none is there."""
-
 _LOOKS = 4
 
 

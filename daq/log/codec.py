@@ -163,8 +163,7 @@ def encode_block(block: SampleBlock) -> bytes:
         message.values = block.values.astype("<f4", copy=False).tobytes()
     if len(block):
         message.minimum, message.maximum = float(block.values.min()), float(block.values.max())
-        values = block.values.astype(np.float64, copy=False)
-        message.rms = float(np.sqrt(values @ values / len(values)))
+        message.rms = float(np.sqrt(np.mean(np.square(block.values, dtype=np.float64))))
     return bytes(message.SerializeToString())
 
 

@@ -107,13 +107,13 @@ def diagnose(
     measure = gap_measure(library.fingerprints(()), subject.layout)
     rigs = max(_FEWEST_ABOUT, effort.judge // 3)
     explaining = Explaining(search, attribution, measure, rigs, judging, rng)
-    alone_in_it = explaining.explained(ranked[0])
-    explanation = explaining.completed(alone_in_it)
+    at_first = explaining.explained(ranked[0])
+    explanation = explaining.completed(at_first)
     known = search.bring_back([(cause,) for cause in explanation.best.hypothesis])
     if known or explanation.best.hypothesis != ranked[0].hypothesis:  # values may have been doubted meanwhile
         attribution = search.learn()
     if any((cause,) not in attribution.emulators for cause in explanation.best.hypothesis):
-        explanation = alone_in_it  # there was no time to bring back what would be beside it
+        explanation = at_first  # there was no time to bring back what would be beside it
     ranked = explaining.believed(ranked, explanation)
     focus, left = explanation.focus, explanation.left
     belief = belief_of(attribution, ranked, left, searched)
@@ -121,8 +121,7 @@ def diagnose(
     candidates = candidates_of(ranked, search, attribution)
     fits = refitted(candidates, attribution, fitted_to, rng)
     if focus is not None:
-        moments = attribution.moments
-        worth = moments.worth(told, len(measured)) * len(fitted_to) / len(measured)
+        worth = attribution.moments.worth(told, len(measured)) * len(fitted_to) / len(measured)
         fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, worth, rng))
     repaired = _repaired(fits, focus, effort.judge // _CONFIRMING, judging, rng)
     chosen, twins, belief = _chosen(candidates, repaired, belief, measure, judged_on)
