@@ -152,6 +152,36 @@ def test_a_short_circuit_at_an_iepe_sensor_is_told_and_flagged() -> None:
     assert not loose[0].findings
 
 
+class Asked:
+    """A stream of which one input is open between the second and the fifth reading; it counts what is asked."""
+
+    def __init__(self) -> None:
+        self.reading = 0
+        self.questions: list[str] = []
+
+    def __getattr__(self, name: str) -> object:
+        is_open = name.startswith("open_chans") and 2 <= self.reading <= 5
+        if not name.endswith("_exist"):
+            return ["cDAQ1Mod1/ai0"] if is_open else []
+        self.questions.append(name)
+        return is_open
+
+
+def test_a_cable_is_asked_about_in_turn_and_what_was_said_holds_until_then() -> None:
+    channel = CardChannel("yoke.force", "cDAQ1Mod1/ai0", "force_iepe", TRUE, 200.0, unit="N")
+    card, stream = NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(channel,))), Asked()
+    told = []
+    for stream.reading in range(12):
+        told.append(card._reported(stream))
+    assert stream.questions.count("overloaded_chans_exist") == 12
+    assert len(stream.questions) == 4 + 11 * 2  # all with the first reading, then two
+    first = next(at for at, said in enumerate(told) if said)
+    last = next(at for at, said in enumerate(told) if at > first and not said)
+    assert 2 <= first <= 4
+    assert 6 <= last <= 8
+    assert all(said == [("open_chans", 0)] for said in told[first:last])
+
+
 def watch(channel: CardChannel, *blocks: list[float]) -> tuple[list[Flag], list[str]]:
     quality = QualityWatch([channel], 100.0)
     arrays = [np.array([block], dtype=float) for block in blocks]
