@@ -39,8 +39,8 @@ _STATUS = {
     "pll_unlocked_chans": Flag.CLOCK_NOT_LOCKED,
 }
 _AT_ONCE = "overloaded_chans"
-"""What belongs to one block is asked with each; a cable, a supply or a clock lasts, and is asked about in turn:
-each question is a call."""
+"""What belongs to one block is asked with each; a cable, a supply or a clock lasts, and is asked about in
+turn: each question is a call."""
 _FAULTS = {"excit_fault_chans": "the supply of its sensor is short-circuited or overloaded"}
 
 
@@ -263,7 +263,7 @@ class NiDaqCard:
         )
 
     def _reported(self, stream: Any) -> list[tuple[str, int]]:
-        """What the device says of its channels, each with its row; of what is not asked now, what it said last."""
+        """What the device says of its channels, each with its row; of what is not asked now, its last word."""
         lasting = [each for each in self._asked if each != _AT_ONCE]
         in_turn = lasting[:1] if self._told else lasting  # all of them with the first reading
         for attribute in [each for each in self._asked if each in (_AT_ONCE, *in_turn)]:

@@ -153,7 +153,7 @@ def test_a_short_circuit_at_an_iepe_sensor_is_told_and_flagged() -> None:
 
 
 class Asked:
-    """A stream of which one input is open between the second and the fifth reading; it counts what is asked."""
+    """A stream of which one input is open from the second reading to the fifth; it counts what is asked."""
 
     def __init__(self) -> None:
         self.reading = 0
