@@ -263,7 +263,7 @@ class NiDaqCard:
         )
 
     def _reported(self, stream: Any) -> list[tuple[str, int]]:
-        """What the device says of its channels, each with its row; of what is not asked now, its last word."""
+        """What the device says of its channels, each with its row; of what is not asked now, its last."""
         lasting = [each for each in self._asked if each != _AT_ONCE]
         in_turn = lasting[:1] if self._told else lasting  # all of them with the first reading
         for attribute in [each for each in self._asked if each in (_AT_ONCE, *in_turn)]:
