@@ -32,7 +32,8 @@ class SampleBuffer:
     """Rows of samples, kept until they are read or overwritten; one thread puts, another reads."""
 
     def __init__(self, rows: int, size: int, dtype: DTypeLike = np.float64) -> None:
-        self._ring: NDArray[Any] = np.zeros((rows, size), dtype=dtype)
+        # Written to now: where memory comes slowly, the first samples would wait for it.
+        self._ring: NDArray[Any] = np.full((rows, size), 0, dtype=dtype)
         self._made = self._taken = 0  # samples a row since the start; never reset, so that an overrun shows
         self._fault: DaqmxError | None = None
         self._changed = threading.Condition()  # over ring, counts and fault
