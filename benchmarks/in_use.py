@@ -45,11 +45,12 @@ def told_into(folder: Path, every_s: float) -> dict[str, str]:
     return {"PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
 
 
-def told(folder: Path, pid: int, since_s: float, until_s: float) -> list[float]:
-    """MB, between these times of the monotonic clock; nothing of a process that is none of Python's."""
+def told(folder: Path, pid: int, since_s: float, until_s: float) -> list[tuple[float, float]]:
+    """Seconds since the first of these times of the monotonic clock, and MB; none of what is not Python's."""
     file = folder / f"{pid}.mb"
     lines = [line.split() for line in file.read_text().splitlines()] if file.exists() else []
-    return [float(used_mb) for at_s, used_mb in lines if since_s <= float(at_s) < until_s]
+    every = [(float(at_s), float(used_mb)) for at_s, used_mb in lines]
+    return [(at_s - since_s, used_mb) for at_s, used_mb in every if since_s <= at_s < until_s]
 
 
 def tell(folder: Path, every_s: float) -> None:

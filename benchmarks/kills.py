@@ -4,11 +4,12 @@ A run records on its emulated bench; at a random moment it is killed, one in fiv
 five as it closes, its log recovered, and the end of each measured stream held against the moment of the kill:
 what was measured before it and is not there is lost.
 What the emulators sent is held against the log. Each bench has a thermometer that is read once a second.
-That the record begins is told in the log before the terminal: where that event, or what describes the run, is
-not there, all since then is lost. What is predicted comes when its twin gets to it: how much a kill costs of
+That the record begins is told in the log before the terminal: without that event, or what describes the run,
+the log is no good. What is predicted comes when its twin gets to it: how much a kill costs of
 it is not judged, only that it has no hole. A run that ends by itself before it is killed, as on a machine too
 busy for the emulated line, is tried again, and told: one in twenty at most.
-Returns 1 if a log cannot be recovered, a sample is unaccounted for, or more than half a second is lost.
+Returns 1 if more than half a second is lost; raises LogError where a log cannot be recovered, or a sample is
+unaccounted for.
 
 Usage: python -m benchmarks.kills [kills] [--seed N] [--beside N]
 """
@@ -40,7 +41,7 @@ from tests.accounting import ONLY_A_HEAD, discrepancies, late_s, sent_in
 
 ROOT = Path(__file__).parents[1]
 MOST_LOST_S = 0.5
-MOST_BEFORE, MOST_TRIES = 20, 3
+MOST_BEFORE, MOST_TRIES = 1 / 20, 3
 _SCENARIO = """\
 rig = "{rig}"
 [drive]
@@ -138,8 +139,8 @@ def _began_ns(run: subprocess.Popen[str]) -> int:
 def lost_s(killed: Killed, recovered: Path) -> dict[str, float]:
     """Seconds of each measured channel before the kill that are not in what is recovered of its log.
 
-    And of what tells of the run, where any of it is missing. None are where no record was begun. Raises
-    LogError if it cannot be recovered, or if what was sent beside it is unaccounted for.
+    None are where no record was begun. Raises LogError if it cannot be recovered, if what tells of the run is
+    missing, or if what was sent beside it is unaccounted for.
     """
     log = killed.log
     if wrong := discrepancies(log, sent_in(log.parent)):
@@ -157,16 +158,15 @@ def lost_s(killed: Killed, recovered: Path) -> dict[str, float]:
             ends[block.channel] = sample_time_ns(block.time_ns, len(block), block.sample_rate)
         events = reader.events()
         told = {*reader.metadata, *(event.code for event in events)}
-        if not {"scenario", "run", RECORD_START} <= told:
-            ends["events and metadata"] = killed.began_ns
-        ended = (event.time_ns for event in events if event.code == RECORD_END)
-        until_ns = min(killed.killed_ns, *ended, killed.killed_ns)
+        if missing := {"scenario", "run", RECORD_START} - told:
+            raise LogError(f"{log}: without {', '.join(missing)}, which was told before")
+        until_ns = min([killed.killed_ns, *(each.time_ns for each in events if each.code == RECORD_END)])
     return {name: (until_ns - end) / NS_PER_S for name, end in ends.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """Of a kill: its rig, the stream that lost most, how much and how late its samples came (s).
+    """Of a kill: its rig, the stream that lost most, how much and how late that one's samples came (s).
 
     `seconds` are None where no record was begun. `before`: how many runs had ended before they were to be
     killed.
@@ -193,10 +193,10 @@ def lost_by(number: int, seed: int) -> Lost:
                 print(f"{rig}: ended before: {str(error).strip().splitlines()[-1:]}", flush=True)
                 continue
             each, late = lost_s(killed, folder / "recovered.mcap"), 0.0
+            worst = max(each, key=each.__getitem__, default="nothing")
             if each:
-                with LogReader(killed.log) as reader:
-                    late = late_s(reader)
-        worst = max(each, key=each.__getitem__, default="nothing")
+                with LogReader(folder / "recovered.mcap") as reader:
+                    late = late_s(reader, worst)
         return Lost(rig, f"{moment}: {worst}", each.get(worst), late, before)
     raise EndedBefore(f"{rig}: {MOST_TRIES} runs one after the other")
 
@@ -207,7 +207,7 @@ def worst_lost(kills: int, seed: int, beside: int = 1) -> Iterator[Lost]:
     with ThreadPoolExecutor(beside) as pool:
         for lost in pool.map(partial(lost_by, seed=seed), range(kills)):
             before += lost.before
-            if before > kills // MOST_BEFORE:
+            if before > max(1.0, MOST_BEFORE * kills):
                 pool.shutdown(cancel_futures=True)
                 raise EndedBefore(f"{before} of {kills} runs")
             yield lost

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import time
@@ -22,6 +23,11 @@ from typing import Any, Final
 OF_THE_TERMINAL: Final = frozenset({signal.SIGINT, signal.SIGHUP, signal.SIGQUIT})
 """What a terminal sends to all of its processes: for the one that brings the rig to its safe state, not for
 those that it needs on the way."""
+
+
+def send(pipe: Connection, what: object) -> None:
+    """As `pipe.send`, of blocks of samples in an eighth of its time: that pickles into a file that grows."""
+    pipe.send_bytes(pickle.dumps(what, pickle.HIGHEST_PROTOCOL))
 
 
 class Child:

@@ -141,7 +141,8 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "daq_card.open": Fault("F25", "the cable of `channel` is loose", _MARKED, _ONE_INPUT, at_start=True),
     "daq_card.short": Fault("F25", "the cable of `channel` is shorted", _MARKED, _ONE_INPUT, at_start=True),
     "daq_card.wrong_sensor": Fault(
-        "F3", "another sensor is on `channel`, says its TEDS", _REFUSED, _ONE_INPUT, at_start=True
+        "F3", "another sensor is on `channel`, says its TEDS", f"{_REFUSED}, if the bench has its serial",
+        _ONE_INPUT, at_start=True,
     ),
     "daq_card.rolls_over": Fault(
         "F26", "its counters start `before` their highest count", "nothing: angles go on",

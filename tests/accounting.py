@@ -292,10 +292,10 @@ def _of_others(log: _Log, card: SentByCard | None, until_ns: float | None) -> It
             yield from _complete(name, blocks, log.gaps, math.inf, must)
 
 
-def late_s(log: LogReader) -> float:
-    """By how much the samples of a log came later than they were taken, at most."""
-    late_ns = 0
-    for message in log.messages([f"/measured/{name}" for name in log.channels("measured")]):
+def late_s(log: LogReader, channel: str | None = None) -> float:
+    """By how much the samples of a log, or of a channel, came later than they were taken, at most."""
+    late_ns, names = 0, log.channels("measured") if channel is None else [channel]
+    for message in log.messages([f"/measured/{name}" for name in names]):
         block = decode_block("", message.data)
         if not block.flags & Flag.CLOCK_NOT_LOCKED:
             late_ns = max(

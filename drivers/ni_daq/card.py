@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -38,9 +37,8 @@ _STATUS = {
     "excit_fault_chans": Flag.OPEN_SENSOR,
     "pll_unlocked_chans": Flag.CLOCK_NOT_LOCKED,
 }
-_AT_ONCE = "overloaded_chans"
-"""What belongs to one block is asked with each; a cable, a supply or a clock lasts, and is asked about in
-turn: each question is a call."""
+_SELDOM, _EVERY = "pll_unlocked_chans", 4
+"""Readings between questions about a clock: each is a call. What blinds a guard is asked with each."""
 _FAULTS = {"excit_fault_chans": "the supply of its sensor is short-circuited or overloaded"}
 
 
@@ -73,8 +71,9 @@ class NiDaqCard:
         self._armed = self._stamps = False  # committed but not started; whether the device stamps its start
         self._watch = QualityWatch((), 0.0)
         self._next_sample = 0
-        self._asked = deque(_STATUS)  # in the order in which they are asked next
-        self._told: dict[str, tuple[int, ...]] = {}  # the rows that were named when last asked
+        self._asked = list(_STATUS)
+        self._readings = 0
+        self._unlocked: tuple[int, ...] = ()  # rows whose clock was not locked when last asked about
 
     def open(self) -> None:
         """Connect, check devices, channels and data sheets, declare the sensors, set the clock."""
@@ -82,6 +81,7 @@ class NiDaqCard:
         if found:
             raise ConfigurationError(self.name, found)
         self.warnings, self._stamps = self._expired, False
+        self._asked = list(_STATUS)
         try:
             if self.settings.grpc is not None:
                 self._grpc_channel = session.connect(self.name, self.settings.grpc)
@@ -131,8 +131,7 @@ class NiDaqCard:
         with self._translated("reserving its inputs"):
             analog.commit()
         self._watch = QualityWatch(self.settings.channels, self.sample_rate)
-        self._next_sample = 0
-        self._told = {}
+        self._next_sample = self._readings = 0
         self._armed = True
 
     def start(self) -> None:
@@ -165,8 +164,8 @@ class NiDaqCard:
     def read(self, count: int) -> CardReading:
         """Wait for the next `count` samples of every channel; see `AcquisitionCard.read`.
 
-        The device's status covers what it took since it was last asked: an overload a little more than the
-        block, all that lasts up to three readings. What the values themselves tell marks their own block.
+        The device's status covers what it took since it was last asked, which may be a little more than the
+        block, and of its clock four readings; what the values themselves tell marks their own block.
         """
         analog, first = self._opened(), self._next_sample
         doing = f"reading samples {first} to {first + count}"
@@ -263,22 +262,25 @@ class NiDaqCard:
         )
 
     def _reported(self, stream: Any) -> list[tuple[str, int]]:
-        """What the device says of its channels, each with its row; of what is not asked now, its last."""
-        lasting = [each for each in self._asked if each != _AT_ONCE]
-        in_turn = lasting[:1] if self._told else lasting  # all of them with the first reading
-        for attribute in [each for each in self._asked if each in (_AT_ONCE, *in_turn)]:
-            self._asked.remove(attribute)
+        """What the device says of its channels, each with its row; of its clock, its last word."""
+        reported: list[tuple[str, int]] = []
+        for attribute in list(self._asked):
+            if attribute == _SELDOM and self._readings % _EVERY:
+                reported += [(attribute, row) for row in self._unlocked]
+                continue
             try:
                 # DAQmx wants the question whether there are any before the one which they are.
                 names = getattr(stream, attribute) if getattr(stream, f"{attribute}_exist") else ()
             except DaqError as error:
                 if error.error_code not in session.UNSUPPORTED:
                     raise
+                self._asked.remove(attribute)
                 self.warnings += (f"{self.name} does not report {attribute}",)
             else:
-                self._asked.append(attribute)
-                self._told[attribute] = tuple(self._rows[name] for name in names if name in self._rows)
-        return [(attribute, row) for attribute, rows in self._told.items() for row in rows]
+                reported += [(attribute, self._rows[name]) for name in names if name in self._rows]
+        self._unlocked = tuple(row for attribute, row in reported if attribute == _SELDOM)
+        self._readings += 1
+        return reported
 
     def _translated(self, doing: str) -> Any:
         return session.translated(self.name, self.address, doing)

@@ -21,8 +21,11 @@ def software() -> dict[str, str]:
     return {"software": f"rattle {version('rattle')}"} | ({"commit": commit} if commit else {})
 
 
-def commit_of(root: Path) -> str:
-    """The commit of a working tree with the root of this name, and whether it was changed; empty for none."""
+def commit_of(root: Path, besides: Path | None = None) -> str:
+    """The commit of a working tree with the root of this name, and whether it was changed; empty for none.
+
+    A file `besides` may be changed.
+    """
     git = shutil.which("git")
     if git is None or not (root / ".git").exists():
         return ""
@@ -33,7 +36,8 @@ def commit_of(root: Path) -> str:
         return done.stdout.strip()
 
     try:
-        changed = told("status", "--porcelain", "--untracked-files=no")
+        left_out = [f":!{besides.relative_to(root)}"] if besides else []
+        changed = told("status", "--porcelain", "--untracked-files=no", "--", ".", *left_out)
         return told("rev-parse", "HEAD") + (", changed since" if changed else "")
     except (OSError, subprocess.SubprocessError):
         return ""

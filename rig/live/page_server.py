@@ -236,7 +236,7 @@ class Teller:
             for what in sorted(untold):
                 try:
                     link.request("PUT", f"/{what}/{self._began!r}", untold[what])
-                    link.getresponse().read()
+                    link.getresponse().read(_SAYS)
                 except (OSError, http.client.HTTPException):
                     link.close()  # the next state tries again: somebody may have started it anew
         link.close()
@@ -245,9 +245,10 @@ class Teller:
 def page_port() -> int:
     """The port of this machine's page; raises RattleError where the environment has none."""
     text = os.environ.get(PORT_VARIABLE, "") or str(PORT)
-    if not text.isdecimal() or int(text) > 65_535:
+    port = _whole(text)
+    if port is None or port > 65_535:
         raise RattleError(f"{PORT_VARIABLE} is {text}: a port, 1 to 65535, or 0 for one of each run's own")
-    return int(text)
+    return port
 
 
 def page_url(port: int) -> str:
@@ -264,19 +265,29 @@ def serve_page(port: int) -> None:
 
 def answering(port: int) -> int | None:
     """The process that serves the page there; None where nobody listens, InstrumentAbsent if another does."""
-    link = http.client.HTTPConnection(HOST, port, timeout=_ANSWERS_S)
     try:
-        link.request("GET", "/about")
-        said: Any = json.loads(link.getresponse().read(_SAYS))
+        _, _, body = _told_by(port).partition(b"\r\n\r\n")
+        said: Any = json.loads(body)
         if said["program"] == _ABOUT["program"]:
             return int(said["pid"])
     except ConnectionRefusedError:
         return None
-    except (OSError, http.client.HTTPException, ValueError, LookupError, TypeError, *_TOO_MUCH):
+    except (OSError, ValueError, LookupError, TypeError, *_TOO_MUCH):
         pass  # whoever it is
-    finally:
-        link.close()
     raise InstrumentAbsent("live view", f"{HOST}:{port}", _taken())
+
+
+def _told_by(port: int) -> bytes:
+    """What whoever listens there says of itself, as far as that comes in time."""
+    said, until_s = b"", time.monotonic() + _ANSWERS_S
+    with socket.create_connection((HOST, port), timeout=_ANSWERS_S) as link:
+        link.sendall(f"GET /about HTTP/1.0\r\nHost: {HOST}:{port}\r\n\r\n".encode())
+        while len(said) < _SAYS and (left_s := until_s - time.monotonic()) > 0:
+            link.settimeout(left_s)
+            if not (more := link.recv(_SAYS)):
+                break
+            said += more
+    return said
 
 
 def _taken(error: Exception | None = None) -> str:
@@ -315,7 +326,7 @@ def stop_page(port: int) -> bool:
     link = http.client.HTTPConnection(HOST, port, timeout=_ANSWERS_S)
     with suppress(OSError, http.client.HTTPException):
         link.request("DELETE", "/")
-        link.getresponse().read()
+        link.getresponse().read(_SAYS)
     link.close()
     deadline = time.monotonic() + _ANSWERS_S
     while time.monotonic() < deadline:

@@ -71,12 +71,13 @@ class ViewerServer:
             preexec_fn=lambda: ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL),
         )
         deadline = time.monotonic() + _START_TIMEOUT_S
-        while not (_listens(self.grpc_port) and _listens(self.web_port)):
-            if self._process.poll() is not None or time.monotonic() > deadline:
-                self.__exit__()
-                raise InstrumentAbsent("viewer server", _HOST, "it did not start")
+        while self._process.poll() is None and time.monotonic() < deadline:
+            # the ports of one that is gone may be another program's
+            if _listens(self.grpc_port) and _listens(self.web_port) and self._process.poll() is None:
+                return self
             time.sleep(0.02)
-        return self
+        self.__exit__()
+        raise InstrumentAbsent("viewer server", _HOST, "it did not start")
 
     def __exit__(self, *error: object) -> None:
         self._process.kill()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import pickle
 import select
 import signal
 import stat
@@ -19,7 +18,7 @@ from types import TracebackType
 
 from daq.clock import SystemClock
 from daq.errors import EmergencyStop, InstrumentRefused, RattleError
-from daq.process import Child
+from daq.process import Child, send
 from drivers.lock import InstrumentLock, Latch
 from drivers.protocols.emergency_stop import LOOK_S, SILENCE_S, LineReader, LineWatch
 from drivers.protocols.instrument import Actuator
@@ -144,7 +143,7 @@ class Supervisor:
         """Say that somebody guards what moves."""
         self._unanswered += 1
         with suppress(OSError):
-            self._child.pipe.send_bytes(pickle.dumps(self._silence_s))  # 50 times a second: half of `send`
+            send(self._child.pipe, self._silence_s)  # 50 times a second
 
     def take_over(self) -> None:
         """Have it switch the drive off for as long as that takes; one that is still to come up, then."""

@@ -8,6 +8,7 @@ from datetime import date
 
 import numpy as np
 import pytest
+from nidaqmx.errors import DaqError
 from numpy.typing import NDArray
 from scipy import signal
 
@@ -153,33 +154,54 @@ def test_a_short_circuit_at_an_iepe_sensor_is_told_and_flagged() -> None:
 
 
 class Asked:
-    """A stream of which one input is open from the second reading to the fifth; it counts what is asked."""
+    """A stream of which at one reading one input is open, and from then on no clock is locked."""
 
-    def __init__(self) -> None:
-        self.reading = 0
+    def __init__(self, at: int) -> None:
+        self.reading, self._at = 0, at
         self.questions: list[str] = []
 
     def __getattr__(self, name: str) -> object:
-        is_open = name.startswith("open_chans") and 2 <= self.reading <= 5
+        holds = self.reading == self._at if name.startswith("open") else self.reading >= self._at
+        told = name.startswith(("open_chans", "pll_unlocked_chans")) and holds
         if not name.endswith("_exist"):
-            return ["cDAQ1Mod1/ai0"] if is_open else []
+            return ["cDAQ1Mod1/ai0"] if told else []
         self.questions.append(name)
-        return is_open
+        return told
 
 
-def test_a_cable_is_asked_about_in_turn_and_what_was_said_holds_until_then() -> None:
+@pytest.mark.parametrize("at", range(5))
+def test_a_cable_is_asked_about_with_each_reading_and_a_clock_with_every_fourth(at: int) -> None:
     channel = CardChannel("yoke.force", "cDAQ1Mod1/ai0", "force_iepe", TRUE, 200.0, unit="N")
-    card, stream = NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(channel,))), Asked()
+    card, stream = NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(channel,))), Asked(at)
     told = []
     for stream.reading in range(12):
         told.append(card._reported(stream))
-    assert stream.questions.count("overloaded_chans_exist") == 12
-    assert len(stream.questions) == 4 + 11 * 2  # all with the first reading, then two
-    first = next(at for at, said in enumerate(told) if said)
-    last = next(at for at, said in enumerate(told) if at > first and not said)
-    assert 2 <= first <= 4
-    assert 6 <= last <= 8
-    assert all(said == [("open_chans", 0)] for said in told[first:last])
+    # that a cable was off for a moment marks that reading alone
+    assert [("open_chans", 0) in said for said in told] == [reading == at for reading in range(12)]
+    unlocked = [reading for reading, said in enumerate(told) if ("pll_unlocked_chans", 0) in said]
+    assert unlocked == list(range(-(-at // 4) * 4, 12))
+    assert len(stream.questions) == 3 * 12 + 3
+
+
+class Hiccup:
+    """A stream that answers from the second question on."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def __getattr__(self, name: str) -> object:
+        self.asked += 1
+        if self.asked == 1:
+            raise DaqError("the connection was reset", -200999)
+        return ["cDAQ1Mod1/ai0"] if name.startswith("overloaded") else False
+
+
+def test_a_question_that_failed_is_asked_again() -> None:
+    channel = CardChannel("yoke.force", "cDAQ1Mod1/ai0", "force_iepe", TRUE, 200.0, unit="N")
+    card, stream = NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(channel,))), Hiccup()
+    with pytest.raises(DaqError):
+        card._reported(stream)
+    assert card._reported(stream) == [("overloaded_chans", 0)]
 
 
 def watch(channel: CardChannel, *blocks: list[float]) -> tuple[list[Flag], list[str]]:

@@ -9,6 +9,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 
 import psutil
 import pytest
@@ -174,6 +175,23 @@ def test_a_port_that_another_program_has_is_refused_with_what_to_do(said: bytes)
             answering(port)
         with pytest.raises(InstrumentAbsent, match="another program has this port"), PageServer(port):
             pass
+
+
+def test_another_program_that_drips_holds_nobody_up() -> None:
+    with socket.create_server((HOST, 0)) as other:
+        port = other.getsockname()[1]
+
+        def drip() -> None:
+            with other.accept()[0] as link, suppress(OSError):
+                while True:
+                    link.sendall(b" ")
+                    time.sleep(0.1)
+
+        threading.Thread(target=drip, daemon=True).start()
+        began_s = time.monotonic()
+        with pytest.raises(InstrumentAbsent, match="another program has this port"):
+            answering(port)
+        assert time.monotonic() - began_s < 5.0
 
 
 def test_a_port_that_nobody_may_have_is_told_before_a_page_is_started(

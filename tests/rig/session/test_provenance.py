@@ -74,6 +74,7 @@ def test_the_commit_is_that_of_the_working_tree_and_says_whether_it_was_changed(
     assert commit_of(tmp_path) == commit
     (tmp_path / "a").write_text("2")
     assert commit_of(tmp_path) == f"{commit}, changed since"
+    assert commit_of(tmp_path, besides=tmp_path / "a") == commit
 
 
 def test_each_sensors_sensitivity_and_calibration_stand_in_the_record() -> None:
