@@ -97,7 +97,7 @@ def cranks(name: str) -> tuple[AnyTwin, ...]:
     return (*healthy, replace(nominal, rig=other), replace(nominal, drive=uneven))
 
 
-STEPS = {"planar": 1500, "spatial": 700}
+STEPS = {"planar": 1500, "spatial": 640}
 """Of 51.2 kHz: to the first strikes of a joint, before the motions have parted."""
 PHASES, RATE = np.linspace(0.0, tau, 5).tolist(), 51_200.0
 
