@@ -81,7 +81,7 @@ class Outcome(NamedTuple):
 
 
 class Swept(NamedTuple):
-    """What the points of a sweep have come to: `title`, then by whose mean and scatter at each of `at`.
+    """What the points of a sweep have come to: by title and whose, a bar's ends and marks at each of `at`.
 
     `label` and `ends` say what is swept, from where to where; None where a point has not come yet. `at` goes
     from 0 to 1.
@@ -90,7 +90,7 @@ class Swept(NamedTuple):
     label: str
     ends: tuple[str, str]
     at: list[float]
-    plots: dict[str, dict[str, list[tuple[float, float] | None]]]
+    plots: dict[str, dict[str, list[tuple[float, ...] | None]]]
 
 
 OfThePage = Progress | Elsewhere | Levels | Swept | Outcome

@@ -26,8 +26,9 @@ from rig.session.progress import Screen
 from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import StopRequest
 from rig.stream import Block, Record
+from rig.sweep.figures import outcome_of
 from rig.sweep.plan import Move, Step, left, steps_of, work_of
-from rig.sweep.results import outcome_of, swept_so_far, write_results
+from rig.sweep.results import swept_so_far, write_results
 from rig.sweep.state import (
     SCHEMA,
     CentreState,

@@ -3,98 +3,47 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import itertools
-import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.disk import write_whole
-from daq.log.reader import Origin
-from rig.files.scenario import Scenario
+from rig.derived.settings import has_figures
 from rig.files.sweep import Point, Sweep
 from rig.files.sweep_axes import Axis, numbers_of
-from rig.pages.content import Link, Part, Sentence, Table, page
+from rig.pages.content import Figure, Link, Part, Sentence, Table, page
 from rig.pages.plots import BLUE, FROM_ZERO, ORANGE, Plots, Style
 from rig.pages.words import as_written, spread
-from rig.report.record import RunRecord, read_run
-from rig.report.summary import half_cycle_statistics
 from rig.rigs import RIGS
-from rig.session.frequency import OFF, UNKNOWN, FrequencyCheck
+from rig.sweep.figures import (
+    A_CYCLE,
+    FIRST_MEAN,
+    FIRST_SD,
+    HELD,
+    IMPACTS,
+    LARGEST,
+    NEAR_DEG,
+    PEAK_MEAN,
+    PEAK_SD,
+    RMS,
+    SMALLEST,
+    WHOSE,
+    channels_with,
+    figure_of,
+)
 from rig.sweep.state import PointState, SweepState
 
 if TYPE_CHECKING:
     from rig.live.view import Swept
 
 TABLE: Final = "points.csv"
-
-HELD: Final = ("drive held [Hz]", "speed held [rpm]")
-IMPACTS: Final = "impacts recorded"
-A_CYCLE: Final = "impacts a cycle"
-FIRST_MEAN, FIRST_SD = "impact initial peak mean", "impact initial peak sd"
-PEAK_MEAN, PEAK_SD = "impact peak mean", "impact peak sd"
-PREDICTED: Final = "predicted "
-"""Begins the names of these where they are the twin's."""
-_SHOWN: Final = (("initial peak", FIRST_MEAN, FIRST_SD), ("largest peak", PEAK_MEAN, PEAK_SD))
-"""Of an impact with its bounces."""
-_WHOSE: Final[tuple[tuple[Origin, str], ...]] = (("measured", ""), ("predicted", PREDICTED))
-_FAILS = {OFF, UNKNOWN, "drive.not_seen", "motor.off_speed", "motor.limit"}
-"""Codes of events that say of a complete record that its drive was not as asked for."""
-
-
-def outcome_of(log: Path, scenario: Scenario) -> tuple[str, dict[str, float]]:
-    """Read a point's complete log once: why it is not what the sweep asked for, or nothing, and its figures.
-
-    Those by names that hold the unit, none that is not finite: what the drive was held to, impacts on the
-    rig's contact forces (elsewhere on the channel that shows most of them) with their initial and largest
-    peaks in its unit, statistics of the peaks of half cycles where it has contact forces, both measured and
-    predicted, then rms and peak of each channel.
-    """
-    held = RIGS[scenario.rig].held_sine(scenario.drive)
-    check = None if held is None else FrequencyCheck(*held)
-    run = read_run(log, [] if check is None else [check])
-    figures: dict[str, float] = {}
-    if check is not None:
-        figures[HELD[0]] = check.result().measured
-    elif (speed := run.speeds.get("measured")) is not None and np.isfinite(speed.values).any():
-        figures[HELD[1]] = float(speed.values[np.isfinite(speed.values)].astype(np.float64).mean())
-    figures |= _impacts(run, scenario)
-    for origin, whose in _WHOSE:
-        if (statistics := half_cycle_statistics(run, origin)) is not None:
-            peaks = dataclasses.asdict(statistics)
-            peaks = {"half_cycles": peaks.pop("count"), **peaks}
-            figures |= {whose + name: value for name, value in peaks.items()}
-    for name, tally in run.measured.items():
-        unit = run.channels[name].unit
-        figures |= {f"{name} rms [{unit}]": tally.rms, f"{name} peak [{unit}]": tally.peak}
-    why = "; ".join(event.text for event in run.events if event.code in _FAILS)
-    return why, {name: float(value) for name, value in figures.items() if math.isfinite(value)}
-
-
-def _impacts(run: RunRecord, scenario: Scenario) -> dict[str, float]:
-    """As measured, and as predicted where there is a prediction."""
-    on = RIGS[scenario.rig].contacts
-    if not on:
-        seen = (impact.channel for impact in run.impacts if impact.origin == "measured")
-        on = tuple(channel for channel, _ in Counter(seen).most_common(1))
-    cycles = run.duration_s * scenario.drive.cycle_hz or math.nan
-    found: dict[str, float] = {}
-    for origin, whose in _WHOSE:
-        if not any((origin, channel) in run.traces for channel in on):
-            continue
-        at = [impact for impact in run.impacts if impact.origin == origin and impact.channel in on]
-        found |= {whose + A_CYCLE: len(at) / cycles} | ({} if whose else {IMPACTS: len(at)})
-        peaks = ([each.first_peak for each in at], [each.peak for each in at])
-        for (_, mean, deviation), values in zip(_SHOWN, peaks, strict=True):
-            if at:
-                found |= {whose + mean: float(np.mean(values)), whose + deviation: float(np.std(values))}
-    return found
 
 
 def impacts_recorded(ended: PointState) -> int | None:
@@ -143,9 +92,58 @@ def points_of(folder: Path, sweep: Sweep, state: SweepState) -> list[dict[str, A
     ]
 
 
+class Curve(NamedTuple):
+    """A figure over the swept value, measured and predicted: its name, and that of its scatter."""
+
+    figure: str
+    scatter: str = ""
+    dash: str = "solid"
+
+
+class Cell(NamedTuple):
+    """What is plotted together over the swept value, `factor` times as large as the figures are."""
+
+    title: str
+    curves: tuple[Curve, ...]
+    factor: float = 1.0
+
+
+_IMPACT_PEAKS: Final = (
+    ("initial peak", Curve(FIRST_MEAN, FIRST_SD)),
+    ("largest peak", Curve(PEAK_MEAN, PEAK_SD)),
+)
+"""Of an impact with its bounces."""
+
+
+def _impact_peaks(sweep: Sweep) -> list[Cell]:
+    unit = as_written(_unit_of(sweep))[1]
+    return [Cell(f"{what}, {unit}", (curve,)) for what, curve in _IMPACT_PEAKS]
+
+
+def _peaks_at_one_angle(channel: str, unit: str) -> Cell:
+    """The two lines of the source's figure 17 (Deck and Dubowsky), section 4D."""
+    factor, written = as_written(unit)
+    largest, smallest = (figure_of(channel, what, unit) for what in (LARGEST, SMALLEST))
+    return Cell(f"{channel} peaks, {written}", (Curve(largest), Curve(smallest, dash="dash")), factor)
+
+
+def _rms(channel: str, unit: str) -> Cell:
+    factor, written = as_written(unit)
+    return Cell(f"{channel} rms, {written}", (Curve(figure_of(channel, RMS, unit)),), factor)
+
+
 PAGE: Final = "sweep.html"
 _ROW_PX: Final = 240
+_COLUMNS: Final = 2
+_STYLES: Final = {
+    "measured": Style(BLUE, 1.6, "lines+markers", size=7),
+    "predicted": Style(ORANGE, 1, "lines+markers", size=4),
+}
 _BARS: Final = "Bars: standard deviation of the peaks."
+_DASHED: Final = (
+    "Peaks: the largest of all cycles; dashed, the smallest of the others within "
+    f"{NEAR_DEG:g} degrees of its angle."
+)
 _WAY_BACK: Final = "Hollow: on the way back; the drive came there through all values before, without a rest."
 _ENDED: Final = "Points that have ended"
 _NO_IMPACTS: Final = "No record of this sweep says how many impacts it holds."
@@ -159,12 +157,28 @@ def write_page(folder: Path, sweep: Sweep, state: SweepState) -> Path:
         [*words, Link(log.partition("/")[0], log) if log else ""]  # the name of its folder says which
         for *words, log in rows_of(sweep, state)
     ]
+    names = dict.fromkeys(name for point in state.points.values() for name in point.figures)
+    impacts = [Cell("impacts a cycle", (Curve(A_CYCLE),)), *_impact_peaks(sweep)]
+    counted: Part = Sentence(_NO_IMPACTS)
+    if A_CYCLE in names:
+        counted = _figure("sweep", sweep, state, impacts, columns=len(impacts))
+    channels = list(_channel_cells(names))
     sections: list[tuple[str, list[Part]]] = [
-        ("Impacts over the swept value", [_figure(sweep, state)]),
+        ("Impacts over the swept value", [counted]),
+        ("Channels over the swept value", [_figure("channels", sweep, state, channels)] if channels else []),
         ("Points", [Table(headings_of(sweep), rows, _ENDED, words=True)]),
     ]
     write_whole(folder / PAGE, page(sweep.name, subtitle, sections).encode())
     return folder / PAGE
+
+
+def _channel_cells(names: Iterable[str]) -> Iterator[Cell]:
+    """Of each channel what there are figures of."""
+    for channel, unit in channels_with(SMALLEST, names).items():
+        yield _peaks_at_one_angle(channel, unit)
+    for channel, unit in channels_with(RMS, names).items():
+        if has_figures(channel):
+            yield _rms(channel, unit)
 
 
 def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
@@ -181,7 +195,7 @@ def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
                 for name in HELD
                 if name in ended.figures
             )
-            peaks = (_both(ended, mean, deviation, unit) for _, mean, deviation in _SHOWN)
+            peaks = (_both(ended, curve, unit) for _, curve in _IMPACT_PEAKS)
             held, log = next(said, ""), ended.log or ""
             yield [
                 str(point.number),
@@ -194,12 +208,12 @@ def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
             ]
 
 
-def _both(ended: PointState, mean: str, deviation: str, unit: str) -> str:
+def _both(ended: PointState, curve: Curve, unit: str) -> str:
     """What was measured and what was predicted, each with its scatter."""
     told = [
-        spread(ended.figures[whose + mean], ended.figures[whose + deviation], unit)
-        for _, whose in _WHOSE
-        if whose + mean in ended.figures
+        spread(ended.figures[whose + curve.figure], ended.figures[whose + curve.scatter], unit)
+        for _, whose in WHOSE
+        if whose + curve.figure in ended.figures
     ]
     *first, last = told or [""]  # the unit is said once
     return " / ".join([*(each.removesuffix(f" {as_written(unit)[1]}") for each in first), last])
@@ -213,12 +227,15 @@ def _unit_of(sweep: Sweep) -> str:
 
 def headings_of(sweep: Sweep) -> list[str]:
     """The headings of `rows_of`."""
-    peaks = [f"{what} / predicted" for what, *_ in _SHOWN]
+    peaks = [f"{what} / predicted" for what, _ in _IMPACT_PEAKS]
     return ["point", *(axis.key for axis in sweep.axes), "outcome", "impacts", *peaks, "drive held", "log"]
 
 
 def swept_so_far(sweep: Sweep, state: SweepState, point: Point) -> Swept | None:
-    """What the points with the same other settings as this one came to; None where there is none yet."""
+    """What the points with the same other settings as this one came to; None where there is none yet.
+
+    Peaks of the impacts, then peaks and rms of the channel that shows the largest of those with impacts.
+    """
     from rig.live.view import Swept  # what nobody watches need not load Rerun
 
     swept, numbers, unit = _swept_axis(sweep)
@@ -229,20 +246,35 @@ def swept_so_far(sweep: Sweep, state: SweepState, point: Point) -> Swept | None:
         return None
     low, high = min(numbers), max(numbers)
     at = [(each - low) / (high - low or 1.0) for each in np.resize(np.array(numbers), len(row)).tolist()]
-    shown = as_written(_unit_of(sweep))[1]
 
-    def both(names: Sequence[str]) -> dict[str, list[tuple[float, float] | None]]:
-        return {
-            origin: [
-                (each[whose + names[0]], each[whose + names[1]]) if whose + names[0] in each else None
-                for each in figures
-            ]
-            for origin, whose in _WHOSE
-        }
+    def largest(told: tuple[str, str]) -> float:
+        return max(each.get(figure_of(told[0], LARGEST, told[1]), 0.0) for each in figures)
 
+    cells, seen = _impact_peaks(sweep), channels_with(SMALLEST, itertools.chain(*figures)).items()
+    if seen:
+        strongest = max(seen, key=largest)
+        cells += [_peaks_at_one_angle(*strongest), _rms(*strongest)]
     ends = f"{low:g} {unit}".rstrip(), f"{high:g} {unit}".rstrip()
-    plots = {f"{what}, {shown}": both(names) for what, *names in _SHOWN}
-    return Swept(swept.key, ends, at, plots)
+    return Swept(
+        swept.key,
+        ends,
+        at,
+        {
+            cell.title: {origin: [_point(each, cell, whose) for each in figures] for origin, whose in WHOSE}
+            for cell in cells
+        },
+    )
+
+
+def _point(figures: Mapping[str, float], cell: Cell, whose: str) -> tuple[float, ...] | None:
+    """The ends of a bar over all of a cell with its scatter, then what is marked on it."""
+    if any(whose + curve.figure not in figures for curve in cell.curves):
+        return None
+    marks = [cell.factor * figures[whose + curve.figure] for curve in cell.curves]
+    reach = [cell.factor * figures.get(whose + curve.scatter, 0.0) for curve in cell.curves]
+    low = min(mark - each for mark, each in zip(marks, reach, strict=True))
+    high = max(mark + each for mark, each in zip(marks, reach, strict=True))
+    return low, high, *marks
 
 
 def _swept_axis(sweep: Sweep) -> tuple[Axis, list[float], str]:
@@ -252,47 +284,68 @@ def _swept_axis(sweep: Sweep) -> tuple[Axis, list[float], str]:
     return swept, numbers, unit
 
 
-def _figure(sweep: Sweep, state: SweepState) -> Part:
-    """A row for each setting of the other axes, with the last one that takes several values along x."""
-    if not any(A_CYCLE in ended.figures for ended in state.points.values()):
-        return Sentence(_NO_IMPACTS)
+def _figure(
+    name: str, sweep: Sweep, state: SweepState, cells: Sequence[Cell], columns: int = _COLUMNS
+) -> Figure:
+    """The cells in rows for each setting of the other axes, the last one with several values along x."""
     swept, numbers, of = _swept_axis(sweep)
-    unit = as_written(_unit_of(sweep))[1]
-    columns = (("impacts a cycle", A_CYCLE, ""), *((f"{what}, {unit}", *names) for what, *names in _SHOWN))
     ticks = dict[str, Any]()
     if numbers_of(swept) is None:  # values that are no numbers stand side by side
         ticks = {"tickvals": list(range(len(swept.values))), "ticktext": [str(each) for each in swept.values]}
     label = f"{swept.key}, {of}".rstrip(", ")
-    rows: dict[str, list[Point]] = {}
+    settings: dict[str, list[Point]] = {}
     for point in sweep.points:
         others = (f"{axis.key} {point.settings[axis.key]}" for axis in sweep.axes if axis is not swept)
-        rows.setdefault(", ".join(others), []).append(point)
-    grid, remarks = Plots(rows=len(rows), columns=len(columns), row_px=_ROW_PX), dict[str, None]()
-    for row, (setting, points) in enumerate(rows.items()):
+        settings.setdefault(", ".join(others), []).append(point)
+    rows, whole = -(-len(cells) // columns), len(swept.values)
+    grid, remarks = Plots(rows * len(settings), columns, _ROW_PX), dict[str, None]()
+    for block, (setting, points) in enumerate(settings.items()):
         ended = [state.points.get(point.number) for point in points]
         figures = [{} if each is None else each.figures for each in ended]
-        whole = len(swept.values)
         symbols = [  # hollow on the way back of an axis that goes there and back
             "circle-open" if swept.both_ways and 2 * (index % whole) >= whole else "circle"
             for index in range(len(points))
         ]
-        styles = {
-            "measured": Style(BLUE, 1.6, "lines+markers", symbol=symbols, size=7),
-            "predicted": Style(ORANGE, 1, "lines+markers", symbol=symbols, size=4),
-        }
+        x = np.resize(np.array(numbers, np.float64), len(points))
         texts = [f"point {point.number}" for point in points]
-        for column, (title, *names) in enumerate(columns):
-            cell = len(columns) * row + column
-            grid.axes(cell, f"{title}  {setting}".rstrip(), label, x_axis=ticks, y_axis=FROM_ZERO)
-            x = np.resize(np.array(numbers, np.float64), len(points))
-            for name, style in styles.items():
-                whose = PREDICTED if name == "predicted" else ""
-                keys = [whose + key if key else "" for key in names]
-                values, deviations = ([each.get(key, nan) for each in figures] for key in keys)
-                if not whose or np.isfinite(values).any():
-                    grid.line(cell, name, x, values, style, deviations=deviations, texts=texts)
+        for place, cell in enumerate(cells, block * rows * columns):
+            title = f"{cell.title}  {setting}".rstrip()
+            grid.axes(place, title, label, x_axis=ticks, y_axis=FROM_ZERO)
+            _draw(grid, place, cell, figures, x, symbols, texts)
         if any(each is not None and symbol != "circle" for each, symbol in zip(ended, symbols, strict=True)):
             remarks[_WAY_BACK] = None
-        if any(PEAK_SD in each for each in figures):
+        drawn = [curve for cell in cells for curve in cell.curves]
+        if any(curve.scatter in each for curve in drawn for each in figures):
             remarks[_BARS] = None
-    return grid.figure("sweep", " ".join(remarks))
+    if any(curve.dash != "solid" for cell in cells for curve in cell.curves):
+        remarks[_DASHED] = None
+    return grid.figure(name, " ".join(remarks))
+
+
+def _draw(
+    grid: Plots,
+    place: int,
+    cell: Cell,
+    figures: Sequence[Mapping[str, float]],
+    x: NDArray[np.float64],
+    symbols: Sequence[str],
+    texts: Sequence[str],
+) -> None:
+    """Draw what the points at `x`, (n,), came to; the symbol and the text of each."""
+    for curve in cell.curves:
+        for name, whose in WHOSE:
+            values, deviations = (
+                [cell.factor * each.get(whose + key, nan) for each in figures]
+                for key in (curve.figure, curve.scatter)
+            )
+            if not whose or np.isfinite(values).any():
+                style = replace(_STYLES[name], dash=curve.dash, symbol=symbols)
+                grid.line(
+                    place,
+                    name,
+                    x,
+                    values,
+                    style,
+                    deviations=deviations if curve.scatter else None,
+                    texts=texts,
+                )

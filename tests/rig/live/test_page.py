@@ -47,10 +47,15 @@ SWEPT = Swept(
     np.linspace(0.0, 1.0, 27).tolist(),
     {
         title: {
-            whose: [(high * (1 + 0.02 * at), 4.0) if at < 18 else None for at in range(27)]
+            whose: [(high + at, high + at + 8.0, high + at + 4.0) if at < 18 else None for at in range(27)]
             for whose, high in (("measured", 30.0), ("predicted", 31.0))
         }
-        for title in ("initial peak, N", "largest peak, N")
+        for title in (
+            "initial peak, N",
+            "largest peak, N",
+            "contact.force_upper peaks, N",
+            "contact.force_upper rms, N",
+        )
     },
 )
 ACQUISITION = '[acquisition]\nsample_rate = "25.6 kHz"\nduration = "5 s"\n'

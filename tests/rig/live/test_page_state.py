@@ -258,11 +258,14 @@ def test_an_encoder_beside_the_card_does_not_turn_the_crank() -> None:
 
 
 def test_what_a_sweep_came_to_so_far_is_told(told: Told) -> None:
-    plots = {"largest peak, N": {"measured": [(30.0, 4.0), None], "predicted": [(31.0, 3.0), None]}}
+    bars: dict[str, list[tuple[float, ...] | None]] = {
+        "measured": [(26.0, 34.0, 30.0), None],
+        "predicted": [(28.0, 34.0, 31.0), None],
+    }
     assert told.newest()["swept"] is None
-    told.state.take(Swept("drive.frequency", ("20 Hz", "21 Hz"), [0.0, 1.0], plots))
+    told.state.take(Swept("drive.frequency", ("20 Hz", "21 Hz"), [0.0, 1.0], {"largest peak, N": bars}))
     told.state.take(layout_of("next point", [FORCE], [FORCE]))
-    assert told.newest()["swept"]["plots"]["largest peak, N"]["predicted"] == [[31.0, 3.0], None]
+    assert told.newest()["swept"]["plots"]["largest peak, N"]["predicted"] == [[28.0, 34.0, 31.0], None]
 
 
 def test_impacts_are_counted_by_origin(told: Told) -> None:

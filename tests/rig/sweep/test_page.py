@@ -7,6 +7,7 @@ import csv
 import dataclasses
 import json
 import re
+from math import tau
 from pathlib import Path
 from typing import Any
 
@@ -17,32 +18,37 @@ from daq.block import NS_PER_S
 from daq.log.reader import LogReader
 from daq.log.records import Impact
 from daq.log.writer import LogWriter
-from rig.files.scenario import Scenario
+from rig.files.scenario import Scenario, parse_scenario
 from rig.files.sweep import Sweep
 from rig.live.view import Swept
-from rig.sweep.results import (
+from rig.sweep.figures import (
     A_CYCLE,
     FIRST_MEAN,
     FIRST_SD,
     HELD,
     IMPACTS,
+    LARGEST,
     PEAK_MEAN,
     PEAK_SD,
     PREDICTED,
-    headings_of,
+    RMS,
+    SMALLEST,
+    WHOSE,
+    figure_of,
     outcome_of,
-    rows_of,
-    swept_so_far,
-    write_page,
-    write_results,
+    smallest_peak,
 )
+from rig.sweep.results import headings_of, rows_of, swept_so_far, write_page, write_results
 from rig.sweep.state import SCHEMA, PointState, SweepState
 from tests.rig.browser import faults_of_report, needs_chromium
+from tests.rig.derived.turning import BLOW_N
+from tests.rig.report import crank_run
 from tests.rig.sweep.swept import parsed
-from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
+from tests.rig.synthetic_run import CHANNELS, PEAK_N, START_NS, blocks, write_log
 
 FREQUENCIES = '"drive.frequency" = ["9 Hz", "10 Hz", "11 Hz"]'
 THERE_AND_BACK = 'up_and_down = ["drive.frequency"]'
+UPPER, LOWER = "contact.force_upper", "contact.force_lower"
 
 
 def impact(channel: str, peak: float, origin: str = "measured") -> Impact:
@@ -83,8 +89,20 @@ def state_of(sweep: Sweep, peaks: list[float]) -> SweepState:
     return SweepState(SCHEMA, {}, 1, points=points)
 
 
-def traces(html: str) -> list[dict[str, Any]]:
-    found = re.search(r'data-plot="plot-sweep">(.*?)</script>', html)
+def of_channel(
+    channel: str, largest: float, smallest: float, rms: float, whose: str = ""
+) -> dict[str, float]:
+    values = {LARGEST: largest, SMALLEST: smallest, RMS: rms}
+    return {whose + figure_of(channel, what, "N"): value for what, value in values.items()}
+
+
+def with_more(state: SweepState, number: int, more: dict[str, float]) -> SweepState:
+    point = state.points[number]
+    return state.with_point(number, dataclasses.replace(point, figures=point.figures | more))
+
+
+def traces(html: str, figure: str = "sweep") -> list[dict[str, Any]]:
+    found = re.search(rf'data-plot="plot-{figure}">(.*?)</script>', html)
     assert found is not None
     return list(json.loads(found[1])["data"])
 
@@ -223,8 +241,11 @@ def test_a_caption_tells_only_of_what_is_there(both_ways: bool, tmp_path: Path) 
 @needs_chromium
 def test_no_text_of_a_sweeps_page_is_cut_or_lies_on_another(tmp_path: Path) -> None:
     swept = parsed(f'"model.beam" = ["steel", "aluminium"]\n{FREQUENCIES}', THERE_AND_BACK)
-    page_of = write_page(tmp_path, swept, state_of(swept, [10.0, 20.0, 30.0, 60.0, 10.0, 20.0]))
-    assert faults_of_report(page_of) == []
+    state = state_of(swept, [10.0, 20.0, 30.0, 60.0, 10.0, 20.0])
+    for number in state.points:
+        for channel in (UPPER, LOWER, "yoke.force"):
+            state = with_more(state, number, of_channel(channel, 50.0, 30.0, 4.0))
+    assert faults_of_report(write_page(tmp_path, swept, state)) == []
 
 
 def test_words_stand_side_by_side(tmp_path: Path) -> None:
@@ -244,11 +265,89 @@ def test_a_live_view_is_told_what_the_points_of_its_row_came_to_so_far() -> None
     swept = parsed(f'"model.beam" = ["steel", "aluminium"]\n{FREQUENCIES}')
     assert swept_so_far(swept, SweepState(SCHEMA, {}, 1), swept.points[0]) is None
     state = state_of(swept, [10.0, 20.0, 30.0, 40.0])
-    twins = {PREDICTED + PEAK_MEAN: 41.0, PREDICTED + PEAK_SD: 2.0}
-    state = state.with_point(4, dataclasses.replace(state.points[4], figures=state.points[4].figures | twins))
-    plots = {
-        "initial peak, N": {"measured": [(30.0, 0.5), None, None], "predicted": [None, None, None]},
-        "largest peak, N": {"measured": [(40.0, 1.0), None, None], "predicted": [(41.0, 2.0), None, None]},
+    more = {PREDICTED + PEAK_MEAN: 41.0, PREDICTED + PEAK_SD: 2.0, **of_channel(LOWER, 20.0, 15.0, 2.0)}
+    more |= of_channel(UPPER, 50.0, 30.0, 4.0) | of_channel(UPPER, 52.0, 25.0, 4.5, PREDICTED)
+    state = with_more(state, 4, more)
+    plots: dict[str, dict[str, list[tuple[float, ...] | None]]] = {
+        "initial peak, N": {"measured": [(29.5, 30.5, 30.0), None, None], "predicted": [None, None, None]},
+        "largest peak, N": {
+            "measured": [(39.0, 41.0, 40.0), None, None],
+            "predicted": [(39.0, 43.0, 41.0), None, None],
+        },
+        f"{UPPER} peaks, N": {
+            "measured": [(30.0, 50.0, 50.0, 30.0), None, None],
+            "predicted": [(25.0, 52.0, 52.0, 25.0), None, None],
+        },
+        f"{UPPER} rms, N": {
+            "measured": [(4.0, 4.0, 4.0), None, None],
+            "predicted": [(4.5, 4.5, 4.5), None, None],
+        },
     }
     told = swept_so_far(swept, state, swept.points[4])
-    assert told == Swept("drive.frequency", ("9 Hz", "11 Hz"), [0.0, 0.5, 1.0], plots)  # type: ignore[arg-type]
+    assert told == Swept("drive.frequency", ("9 Hz", "11 Hz"), [0.0, 0.5, 1.0], plots)
+
+
+def test_each_channel_has_its_peaks_at_one_angle_and_its_rms_measured_and_predicted(tmp_path: Path) -> None:
+    swept = parsed(FREQUENCIES)
+    more = of_channel(UPPER, 50.0, 30.0, 4.0) | of_channel(UPPER, 52.0, 25.0, 4.5, PREDICTED)
+    more |= {figure_of("crank.angle", RMS, "rad"): 3.0, figure_of("motor.tachometer", RMS, "rad/s"): tau}
+    state = with_more(state_of(swept, [10.0, 20.0]), 2, more)
+    text = write_page(tmp_path, swept, state).read_text()
+    drawn = traces(text, "channels")
+    assert [(each["name"], each["line"].get("dash")) for each in drawn] == [
+        ("measured", None),
+        ("predicted", None),
+        ("measured", "dash"),
+        ("predicted", "dash"),
+        ("measured", None),
+        ("predicted", None),
+        ("measured", None),  # the tachometer, in rpm; an angle has no rms
+    ]
+    at_10_hz = [unpacked(each["y"])[1] for each in drawn]
+    assert at_10_hz == pytest.approx([50.0, 52.0, 30.0, 25.0, 4.0, 4.5, 60.0], rel=1e-6)  # as float32
+    assert "dashed, the smallest of the others within 15 degrees" in text
+    none = write_page(tmp_path, swept, state_of(swept, [10.0])).read_text()
+    assert "Channels over the swept value" not in none
+
+
+def test_the_smallest_peak_is_of_another_cycle_at_about_the_angle_of_the_largest() -> None:
+    turns = np.arange(4 * 360) / 360
+    values = np.zeros(len(turns))
+    peaks = {0.30: 10.0, 1.30: 50.0, 2.32: 40.0, 2.80: 5.0, 3.29: 20.0}
+    for at, peak in peaks.items():
+        values[round(360 * at)] = peak
+    assert smallest_peak(values, turns) == 10.0
+    far = values.copy()
+    far[[round(360 * 3.29), round(360 * 3.36)]] = 0.0, 20.0  # 22 degrees away
+    assert smallest_peak(far, turns) == 0.0
+    assert smallest_peak(values[100:], turns[100:]) == 20.0  # the first begins within it
+    hole = values.copy()
+    hole[round(360 * 3.31)] = np.nan
+    assert smallest_peak(hole[100:], turns[100:]) == 40.0
+    assert np.isnan(smallest_peak(values[:360], turns[:360]))
+    assert np.isnan(smallest_peak(values, np.full(len(turns), np.nan)))
+
+
+def test_a_crank_comes_to_the_smallest_peak_and_the_rms_of_its_blows_measured_and_predicted(
+    tmp_path: Path,
+) -> None:
+    """Blows of half a sine of 1 ms, another in each turn; a marker tells the angle from turn 1 to turn 20."""
+    log = crank_run.write_log(tmp_path / "run.mcap", "spatial_slider_crank", 6.0)
+    figures = figures_of(log, parse_scenario(crank_run.scenario("spatial_slider_crank"), "test"))
+    # what is predicted turns 0.3 % faster, and strikes once more; a peak between two samples is 0.2 % less
+    for whose, size, count in (("", BLOW_N, 20), (PREDICTED, 0.4 * BLOW_N, 21)):
+        blows = size * (1 + 0.4 * np.sin(1.7 * np.arange(count)))
+        told = [figures[f"{whose}slider.force_3 {what} [N]"] for what in (SMALLEST, LARGEST, RMS)]
+        rms = np.sqrt(np.sum(blows**2) * 1e-3 / 2 / 6.0)
+        assert told == pytest.approx([blows[1:20].min(), blows.max(), rms], rel=5e-3)
+
+
+def test_a_beam_has_its_smallest_peak_by_the_cycles_of_its_drive(tmp_path: Path) -> None:
+    scenario = parsed().points[1].scenario
+    figures = figures_of(write_log(tmp_path / "run.mcap", 2.0, scenario=scenario.text), scenario)
+    for origin, whose in WHOSE:
+        # all cycles are alike but for noise of 0.02 N
+        assert figures[f"{whose}{UPPER} smallest peak at its angle [N]"] == pytest.approx(
+            PEAK_N[origin], abs=0.1
+        )
+        assert figures[f"{whose}{UPPER} peak [N]"] == pytest.approx(PEAK_N[origin], abs=0.1)
