@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
+from types import MappingProxyType
 from typing import get_args
 
 from daq.block import LATEST, NS_PER_S, SampleBlock
@@ -218,13 +219,19 @@ def _apart(some: list[_Span], others: list[_Span]) -> int:
     return apart
 
 
-def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] = lambda _: None) -> LogReport:
+def recover_log(
+    damaged: Path,
+    recovered: Path,
+    passing: Callable[[int], None] = lambda _: None,
+    by: Mapping[str, str] = MappingProxyType({}),
+) -> LogReport:
     """Copy what is whole of `damaged` to the new file `recovered`, then verify what was written.
 
     Samples that were lost are in its gap ledger, and counted in the report: those in between, and those of
     topics that end before others do. How many came after the last that could be read of all, no file tells:
     `recovered_from` says whether it was only cut there, and `untold` of which topics none was left. Topics
-    that are none of the format's are `left_out`. `passing` hears how many bytes have been copied.
+    that are none of the format's are `left_out`. `passing` hears how many bytes have been copied; `by` is
+    what the copy says of the program that made it.
     """
     with LogReader(damaged, passing) as log:
         topics = {
@@ -255,7 +262,7 @@ def recover_log(damaged: Path, recovered: Path, passing: Callable[[int], None] =
                 untold = log.may_hold(without) if cause == LOST else []
                 left_out = [topic for topic in log.topic_metadata() if topic not in topics]
                 record = origin_record(log, lost, untold, unchecked, left_out)
-                writer.add_metadata(RECOVERED, record)
+                writer.add_metadata(RECOVERED, {**record, **by})
                 writer.close()
             except BaseException:  # one that lacks the rest would look as if it were whole
                 recovered.unlink(missing_ok=True)

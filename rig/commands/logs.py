@@ -98,10 +98,11 @@ def recover(
     log: RunFile, out: Annotated[Path, typer.Option("-o", metavar="FILE", help="The new log.")]
 ) -> None:
     from daq.log.recover import recover_log
+    from rig.files.software import software
 
     screen = Screen(Terminal())
     with _read("recovering", log, screen) as passing:
-        report = recover_log(log, out, passing)
+        report = recover_log(log, out, passing, software())
     if not report.whole:
         screen.say(f"{report.lost} samples were lost, and what may have come after them")
     if report.left_out:

@@ -22,6 +22,7 @@ from rig.derived.settings import RECORD, from_record
 from rig.files.model_file import load_model
 from rig.files.pairing import BYTES_PER_SAMPLE, check_room
 from rig.files.scenario import Scenario
+from rig.files.software import software
 from rig.rigs import RIGS
 from rig.session.pace import Work
 from rig.session.progress import MOTION_S, Screen
@@ -82,7 +83,7 @@ def overlay_run(
         with whole_log(target) as copy:
             derived = _derivation(log, copy, scenario, twins)
             _copy(log, copy, comes_from, derived)
-            record = twin_record(effects, fitted)
+            record = twin_record(effects, fitted) | software()
             if "nominal" in twins:
                 cycle = align_to(log, twins["nominal"])  # the drive's, for folding all three
                 record |= {

@@ -16,10 +16,12 @@ import pytest
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.front import read_summary
+from daq.log.reader import LogReader
 from daq.log.records import Gap
-from daq.log.recover import recover_log, verify_log
+from daq.log.recover import RECOVERED, recover_log, verify_log
 from daq.log.writer import LogWriter
 from rig.commands.cli import FAILED, WRONG_USE
+from rig.files.software import software
 from rig.session.run import ENDS
 from tests.daq.log.logs import START_NS, block, write_foreign, write_ramp
 from tests.rig.commands.cli import Call
@@ -175,6 +177,8 @@ def test_a_recovered_log_says_where_the_one_before_was_cut(call: Call, tmp_path:
     found = json.loads(call("verify", recovered, "--json").out)
     assert 0 < found["whole_bytes"] < found["size_bytes"] == len(cut)
     assert 0 < found["seconds"] < 3
+    with LogReader(recovered) as log:
+        assert software().items() <= log.metadata[RECOVERED].items()
     again = tmp_path / "again.mcap"
     for answer in (call("verify", recovered), call("recover", recovered, "-o", again), call("verify", again)):
         assert answer.code == 0

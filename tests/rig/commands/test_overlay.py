@@ -13,6 +13,7 @@ from daq.log.front import CUT, read_summary
 from daq.log.reader import LogReader, Origin
 from daq.log.recover import verify_log
 from rig.derived.settings import RECORD
+from rig.files.software import software
 from rig.report.record import read_run
 from rig.report.summary import closeness, half_cycle_statistics, overall
 from rig.session.overlay import overlay_run
@@ -44,7 +45,7 @@ def test_a_foreign_recording_gets_its_prediction_in_a_new_file(call: Call, tmp_p
     assert verify_log(tmp_path / "overlay.mcap").sound
     with LogReader(run) as original, LogReader(tmp_path / "overlay.mcap") as log:
         records = {name: record for name, record in log.metadata.items() if name != RECORD}
-        assert records == {**original.metadata, "twin": {"effects": "[]"}}
+        assert records == {**original.metadata, "twin": {"effects": "[]", **software()}}
         assert list(log.channels("predicted")) == list(log.channels("measured"))
         for name, row in original.table("measured").items():
             copied, predicted = log.series("measured", name), log.series("predicted", name)
