@@ -295,6 +295,17 @@ def _inner(part: Any, prefix: str, place: tuple[str, ...], source: str) -> Itera
         )
 
 
+def part_checks(owner: Any, prefix: str, word: str, without: str) -> tuple[Check, ...]:
+    """That the keys of a part, behind `prefix`, are given only where `word` is another than `without`."""
+
+    def has(key: str, values: Mapping[str, Any]) -> bool:
+        return values[key] is None or values[word] != without
+
+    allowed = f"none, or with another {word} than {without}, which has none"
+    keys = (key for key in settings_of(owner) if key.startswith(prefix))
+    return tuple(rule((word, key), functools.partial(has, key), key, allowed) for key in keys)
+
+
 @_cached
 def bounds_of(owner: Any) -> Mapping[str, Bound]:
     """What the fields of a dataclass can be at all, by name."""

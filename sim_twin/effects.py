@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.plugins import OpenTable
-from daq.quantity import Bound
+from daq.quantity import Bound, Quantity
 from sim_twin.ranges import require_bounds
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import AnyTwin, changed
@@ -175,9 +175,9 @@ def scaled(name: str, location: str, intervals: Intervals, *places: str) -> Effe
 class BaseMass:
     """What the rig stands on, as a mass on spring and damper: `frequency` Hz, `mass` kg, `damping_ratio`."""
 
-    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
-    mass: Annotated[float, Bound("kg", 0.0, above=True)]
-    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)]
+    frequency: Annotated[float, Quantity("Hz", 10, 10_000), Bound("Hz", 0.0, above=True)]
+    mass: Annotated[float, Quantity("kg", 0.01, 10_000), Bound("kg", 0.0, above=True)]
+    damping_ratio: Annotated[float, Quantity("", 0.0001, 0.5, key="damping"), Bound("", 0.0, 1.0)]
 
     def __post_init__(self) -> None:
         require_bounds("BaseMass", self)
@@ -194,6 +194,7 @@ def base_flexibility() -> Effect:
             Parameter("damping_ratio", "", ((0.003, 0.05),)),
         ),
         PutIn("base", BaseMass, ("frequency_hz", "mass_kg", "damping_ratio")),
+        refusal=lambda twin: "" if twin.rig.base is None else "its base is flexible already",
     )
 
 

@@ -33,7 +33,7 @@ from rig.files.scenario import Scenario, parse_scenario
 from rig.files.table import FieldError, field_of
 from rig.pages.words import listed
 from rig.rigs import RIGS
-from rig.rigs.kind import RigKind
+from rig.rigs.kind import RigKind, at
 from rig.session.pace import reading
 from rig.session.progress import Screen
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
@@ -84,6 +84,8 @@ def wide_of(kind: RigKind, key: str, given: Mapping[str, Any], twin: AnyTwin, be
     if setting is None or not isinstance(meaning := setting.meaning, Quantity):
         several = [name for name in kind.numbers if name.startswith(f"{key}[")]
         raise FieldError(listed(several, "or") if several else "a key of one number that is no count")
+    if at(twin.rig, setting.place[:-1]) is None:
+        raise FieldError("a key of a part that the rig has")
     low, high = (end * si_factor(meaning.unit) for end in (meaning.low, meaning.high))
     if between:
         return _asked(setting, between)

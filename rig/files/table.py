@@ -94,9 +94,8 @@ def _readable(kind: Any, meaning: object) -> Any:
         case Quantity() if kind is Samples:
             return Annotated[Samples, PlainValidator(functools.partial(_samples, _in_samples(meaning)))]
         case Quantity() if get_origin(kind) is tuple:
-            return Annotated[
-                Any, PlainValidator(functools.partial(_each_in_si, meaning, len(get_args(kind))))
-            ]
+            count = None if Ellipsis in get_args(kind) else len(get_args(kind))
+            return Annotated[Any, PlainValidator(functools.partial(_each_in_si, meaning, count))]
         case Words():
             return Annotated[Any, PlainValidator(functools.partial(_word, meaning))]
         case Depending():
@@ -159,10 +158,10 @@ def _samples(quantity: Quantity, value: object) -> Samples:
     return Samples(count)
 
 
-def _each_in_si(quantity: Quantity, count: int, values: object) -> tuple[float, ...]:
-    """So many of them, in SI."""
-    if not isinstance(values, list) or len(values) != count:
-        raise _explained(f"a list of {count}, each {quantity}")
+def _each_in_si(quantity: Quantity, count: int | None, values: object) -> tuple[float, ...]:
+    """So many of them, or any number, in SI."""
+    if not isinstance(values, list) or count not in (None, len(values)):
+        raise _explained(f"a list{'' if count is None else f' of {count}'}, each {quantity}")
     return tuple(_in_si(quantity, value) for value in values)
 
 

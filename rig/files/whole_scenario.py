@@ -43,7 +43,7 @@ def whole_scenario(kind: RigKind) -> str:
     alternatives = _alternatives(kind)
     for key, setting in kind.keys.items():
         if key in signature(kind.nominal).parameters:
-            lines.append(_line(setting, setting.default))
+            lines.append(_line(setting, _usual(setting), off=setting.default is None))
         else:
             lines.append(_of_a_field(setting, alternatives))
     sections = {"drive": settings_of(kind.drive), "acquisition": settings_of(AcquisitionSection)}
@@ -84,7 +84,7 @@ def _choices(setting: Setting) -> tuple[Any, ...]:
         return (setting.default, *(word for word in get_args(plain) if word != setting.default))
     if plain is bool:
         return setting.default, not setting.default
-    return (setting.default, 2 * setting.default) if plain is float else (setting.default,)
+    return (setting.default, 2 * _usual(setting)) if plain is float else (setting.default,)
 
 
 def _of_a_field(setting: Setting, alternatives: list[_Alternative]) -> str:
@@ -106,10 +106,12 @@ def _of_a_field(setting: Setting, alternatives: list[_Alternative]) -> str:
 
 
 def _usual(setting: Setting) -> Any:
-    if setting.default is not REQUIRED:
-        return setting.default
+    """The default, or what is usual where there is none."""
     meaning: Any = setting.meaning
-    return meaning.usual * si_factor(meaning.unit)
+    usual = getattr(meaning, "usual", None)
+    if usual is None or setting.default not in (REQUIRED, None):
+        return setting.default
+    return usual * si_factor(meaning.unit)
 
 
 def _line(setting: Setting, value: Any, decided: str = "", off: bool = False) -> str:

@@ -89,7 +89,7 @@ class RigKind:
                 continue
             if each.type in (float, float | None):
                 found[key] = each
-            elif get_origin(each.type) is tuple:
+            elif get_origin(each.type) is tuple and Ellipsis not in get_args(each.type):
                 for index in range(len(get_args(each.type))):
                     name, place = f"{key}[{index + 1}]", (*each.place, str(index))
                     own = None if each.default is None else each.default[index]

@@ -7,7 +7,7 @@ from typing import Final
 from rig.rigs.kind import RigKind
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.spatial_slider_crank.channels import CHANNELS
-from sim_twin.rigs.spatial_slider_crank.model import SpatialSliderCrank, nominal
+from sim_twin.rigs.spatial_slider_crank.model import CHECKS, SpatialSliderCrank, nominal
 
 KIND: Final = RigKind(
     parameters=SpatialSliderCrank,
@@ -23,5 +23,6 @@ KIND: Final = RigKind(
     },
     variations=({"speed": 1.3}, {"speed": 0.6}),
     picture="rig.live.rigs.spatial_slider_crank:SpatialCrankPicture",
+    checks=CHECKS,
     extras=("encoder",),
 )

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from rig.rigs import RIGS
+from sim_twin.twin import Twin
 
 BEAM, CRANK, SPATIAL = "impact_beam", "planar_slider_crank", "spatial_slider_crank"
 CM, MM, DEG = 1e-2, 1e-3, 3.141592653589793 / 180
@@ -170,3 +171,32 @@ def test_a_joint_may_have_no_clearance(rig: str, key: str) -> None:
     meaning: Any = RIGS[rig].model[key].meaning
     assert meaning.low == 0
     assert RIGS[rig].value(key, {key: 0.0}) == 0
+
+
+@pytest.mark.parametrize(
+    ("rig", "given", "effect", "values"),
+    [
+        (
+            CRANK,
+            {"rod": "flexible", "rod_bending_frequency": 90.0, "rod_bending_damping": 0.02},
+            "rod_flexibility",
+            {"frequency_hz": 90.0, "damping_ratio": 0.02},
+        ),
+        (
+            SPATIAL,
+            {"base": "flexible", "base_frequency": 300.0, "base_mass": 1.5, "base_damping": 0.02},
+            "base_flexibility",
+            {"frequency_hz": 300.0, "mass_kg": 1.5, "damping_ratio": 0.02},
+        ),
+    ],
+)
+def test_what_an_effect_puts_in_may_be_declared_and_is_then_no_effect(
+    rig: str, given: dict[str, Any], effect: str, values: dict[str, float]
+) -> None:
+    kind = RIGS[rig]
+    plain, declared = kind.built({}), kind.built(given)
+    assert plain == kind.parameters()
+    found = plain.model.effects[effect]
+    assert declared == found.apply(Twin(plain, None), values).rig
+    with pytest.raises(ValueError, match="does not exist on this rig .* already"):
+        found.apply(Twin(declared, None), values)

@@ -18,7 +18,6 @@ from sim_twin.effects import (
     swapped_channels,
     time_skew,
 )
-from sim_twin.rigs.impact_beam.base.model import FlexibleBase
 from sim_twin.rigs.impact_beam.channels import COVER, DRIVE, LOWER, UPPER, YOKE
 from sim_twin.rigs.impact_beam.model import ImpactBeam
 
@@ -53,12 +52,7 @@ EFFECTS = catalogue_of(
             "contact joint",
             {"rig.hertz": Parameter("stiffness_n_per_m15", "N/m^1.5", ((3e9, 3e10),))},
         ),
-        replace(
-            base_flexibility(),
-            refusal=lambda twin: (
-                "its base is flexible already" if isinstance(twin.rig.base, FlexibleBase) else ""
-            ),
-        ),
+        base_flexibility(),
         _of_a_pin("pivot_friction", "rig.pivot_friction", Parameter("torque_nm", "N m", ((0.02, 0.3),))),
         _of_a_pin(
             "pivot_compliance",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.quantity import Bound, Flat, Key, Quantity, Source, Whole, rule, settings_of
+from daq.quantity import Bound, Flat, Key, Quantity, Source, Whole, part_checks, rule
 from sim_twin.effects import BaseMass
 from sim_twin.parts.beam import Beam
 from sim_twin.ranges import require, require_bounds
@@ -25,10 +25,13 @@ FLEXURE_ROTATION = 0.16
 """N m/rad: EI/l of the flexure 4 x 19 x 0.127 mm, whose dimensions the source states (table 1)."""
 FLEXURE_TRANSLATION = 1.258e5
 """N/m: 12 EI/l^3 of the same flexure."""
+_FLEXURE: Final = 4e-3, 19e-3, 0.127e-3
+"""Its length, width and thickness, m."""
 
 
 _PAPER: Final = "Deck and Dubowsky"
-_TABLE_2: Final = Source(f"{_PAPER}, table 2")
+_TABLE_1, _TABLE_2 = Source(f"{_PAPER}, table 1"), Source(f"{_PAPER}, table 2")
+_LOWEST_MODES: Final = Source("of the lowest modes, one by one; those above have modal_damping")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +39,8 @@ class ImpactBeam:
     """The rig, in SI.
 
     `clearance` g is half the free motion of the tip, `rest_offset` where the tip rests (towards the upper
-    stop). `modal_damping` has one ratio for each mode kept. `pivot_stiffness` (N/m) None is the ideal pin.
+    stop): with gravity, which bends the beam as a constant force does and changes nothing else of its motion.
+    `modal_damping` has one ratio for each mode kept. `pivot_stiffness` (N/m) None is the ideal pin.
     `hertz` (N/m^1.5) replaces the linear `contact_stiffness`. `pivot_friction` is a Coulomb torque in N m.
     `yoke_frequency` is the impedance head's mode. `stations` (percent of L) carry accelerometers.
     The drive's force is the coil's, or with a `stinger_gauge` what of it goes on to the beam.
@@ -52,7 +56,9 @@ class ImpactBeam:
     clearance: Annotated[float, Quantity("mm", 0, 10), Source(f"{_PAPER}, figure 7"), Bound("m", 0.0)] = (
         0.127e-3
     )
-    rest_offset: Annotated[float, Quantity("mm", -10, 10)] = 0.0
+    rest_offset: Annotated[
+        float, Quantity("mm", -10, 10), Source("centred; where gravity lets it rest, counts")
+    ] = 0.0
     rotation_stiffness: Annotated[
         float,
         Quantity("N m/rad", 1e-6, 1e4, key="pivot_rotation_stiffness"),
@@ -118,27 +124,41 @@ def nominal(
     base: Annotated[Literal["rigid", "flexible"], Key()] = "rigid",
     cover: Annotated[Literal["none", "aluminium", "fibreglass"], Key()] = "none",
     flexure_translation: Annotated[bool, Key()] = False,
+    flexure_length: Annotated[float | None, Quantity("mm", 0.1, 100, usual=4), _TABLE_1] = None,
+    flexure_width: Annotated[float | None, Quantity("mm", 0.1, 1000, usual=19), _TABLE_1] = None,
+    flexure_thickness: Annotated[float | None, Quantity("mm", 0.001, 10, usual=0.127), _TABLE_1] = None,
+    mode_damping: Annotated[tuple[float, ...], Quantity("", 0, 0.5), _LOWEST_MODES] = (),
 ) -> ImpactBeam:
-    """Return the rig of the source with its steel or aluminium beam (Table 2)."""
+    """Return the rig of the source with its steel or aluminium beam (Table 2).
+
+    A flexure of other dimensions (m) is stiffer in turning as w t^3 / l, in translation as w t^3 / l^3.
+    `mode_damping` are the ratios of the lowest modes, one by one; all above have `modal_damping`.
+    """
     part, clamped, stiffness, contact_damping = _BEAMS[beam]
+    longer, wider, thicker = (
+        1.0 if given is None else given / own
+        for given, own in zip((flexure_length, flexure_width, flexure_thickness), _FLEXURE, strict=True)
+    )
     return ImpactBeam(
         replace(part, elements=elements),
         clamped,
         stiffness,
         contact_damping,
-        (modal_damping,) * modes,
-        pivot_stiffness=FLEXURE_TRANSLATION if flexure_translation else None,
+        (*mode_damping, *(modal_damping,) * (modes - len(mode_damping))),
+        rotation_stiffness=FLEXURE_ROTATION * (wider * thicker**3 / longer),
+        pivot_stiffness=FLEXURE_TRANSLATION * (wider * thicker**3 / longer**3)
+        if flexure_translation
+        else None,
         base=flexible_base(cover) if base == "flexible" else None,
     )
 
 
+def _no_clamp(key: str, model: Mapping[str, Any]) -> bool:
+    return model["beam"] != "aluminium" or not model[key]
+
+
 def _most_modes(model: Mapping[str, Any]) -> int:
     return freedoms(model["elements"], model["beam"] == "aluminium")
-
-
-def _has(key: str, word: str, without: str, model: Mapping[str, Any]) -> bool:
-    """Whether a key of a part is not given, or `word` says that the part is there."""
-    return model[key] is None or model[word] != without
 
 
 CHECKS: Final = (
@@ -163,23 +183,26 @@ CHECKS: Final = (
         "cover",
         '"none", or with base = "flexible", which is what a cover acts on',
     ),
-    rule(
-        ("beam", "flexure_translation"),
-        lambda model: model["beam"] != "aluminium" or not model["flexure_translation"],
-        "flexure_translation",
-        "false (the aluminium beam is clamped)",
-    ),
     *(
         rule(
-            (word, key),
-            partial(_has, key, word, without),
+            ("beam", key),
+            partial(_no_clamp, key),
             key,
-            f"none, or with another {word} than {without}, which has none",
+            f"{none} (the aluminium beam is clamped)",
         )
-        for word, prefix, without in (("base", "base_", "rigid"), ("cover", "base_cover_", "none"))
-        for key in settings_of(ImpactBeam)
-        if key.startswith(prefix)
+        for key, none in (
+            ("flexure_translation", "false"),
+            *((f"flexure_{of}", "none") for of in ("length", "width", "thickness")),
+        )
     ),
+    rule(
+        ("modes", "mode_damping"),
+        lambda model: len(model["mode_damping"]) <= model["modes"],
+        "mode_damping",
+        lambda model: f"as many at most as modes are kept, {model['modes']}",
+    ),
+    *part_checks(ImpactBeam, "base_", "base", "rigid"),
+    *part_checks(ImpactBeam, "base_cover_", "cover", "none"),
 )
 """Of what may be asked for together."""
 _LARGEST_FORCE_N: Final = 100.0

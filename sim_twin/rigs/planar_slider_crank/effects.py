@@ -52,6 +52,7 @@ EFFECTS = catalogue_of(
                 Parameter("damping_ratio", "", ((0.003, 0.05),)),
             ),
             PutIn("bending", RodBending, ("frequency_hz", "damping_ratio")),
+            refusal=lambda twin: "" if twin.rig.bending is None else "the rod bends already",
         ),
         speed_fluctuation(_ANY_PHASE),
         scaled("piston_mass", "piston", ((0.5, 0.85), (1.2, 2.0)), "rig.piston_mass"),

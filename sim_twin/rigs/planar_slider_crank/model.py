@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from math import pi, sqrt
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
-from daq.quantity import Bound, Each, Flat, Key, Quantity, Source, rule
+from daq.quantity import Bound, Each, Flat, Key, Quantity, Source, part_checks, rule
 from sim_twin.parts.stuff import MODULUS, POISSON
 from sim_twin.ranges import require, require_bounds
 from sim_twin.rigs.planar_slider_crank.channels import CHANNELS, CRANK_X, CRANK_Y, PISTON_Y
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sim_twin.rigs.rig_model import RigModel
 _RIG = "planar slider-crank"
 _TABLE_1: Final = Source("Erkaya, table 1")
+_BAR: Final = Source("of a square steel bar of the rod's length and mass")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +79,8 @@ class FrameMode:
 class RodBending:
     """The rod's bending mode sin(pi s/L) between its joints: `frequency` Hz, `damping_ratio`."""
 
-    frequency: Annotated[float, Bound("Hz", 0.0, above=True)]
-    damping_ratio: Annotated[float, Bound("", 0.0, 1.0)]
+    frequency: Annotated[float, Quantity("Hz", 10, 10_000), _BAR, Bound("Hz", 0.0, above=True)]
+    damping_ratio: Annotated[float, Quantity("", 0.0001, 0.5, key="damping"), Bound("", 0.0, 1.0)]
 
     def __post_init__(self) -> None:
         require_bounds("rod", self)
@@ -136,7 +137,7 @@ class PlanarSliderCrank:
     approach_floor: Annotated[float, Quantity("mm/s", 0.01, 1000), Bound("m/s", 0.0, above=True)] = 0.01
     guide_friction: Annotated[float, Quantity("", 0, 1), Bound("", 0.0)] = 0.0
     guide_v_1: Annotated[float, Quantity("mm/s", 0.01, 1000), Bound("m/s", 0.0, above=True)] = 1e-3
-    bending: RodBending | None = None
+    bending: Annotated[RodBending | None, Flat("rod_bending_")] = None
     marker_angle: float = 0.0
     frames: Annotated[
         dict[str, FrameMode],
@@ -181,8 +182,12 @@ class PlanarSliderCrank:
 
 def nominal(
     material: Annotated[Literal["steel", "aluminium", "brass"], Key()] = "steel",
+    rod: Annotated[Literal["rigid", "flexible"], Key()] = "rigid",
 ) -> PlanarSliderCrank:
-    """Return the rig of the source with links and joints of a material: masses go with the density."""
+    """Return the rig of the source with links and joints of a material: masses go with the density.
+
+    Its rod is rigid; a flexible one has its lowest bending mode.
+    """
     of = MATERIALS[material]
     ratio, steel = of.density / MATERIALS["steel"].density, PlanarSliderCrank()
     return PlanarSliderCrank(
@@ -192,6 +197,7 @@ def nominal(
         crank_inertia=ratio * steel.crank_inertia,
         rod_inertia=ratio * steel.rod_inertia,
         elastic=of.elastic,
+        bending=RodBending(140.0, 0.01) if rod == "flexible" else None,
     )
 
 
@@ -208,5 +214,6 @@ CHECKS: Final = (
         ("rod_length", "crank_length"),
         "a rod longer than the crank, or it cannot turn over: {rod_length:g} m and {crank_length:g} m",
     ),
+    *part_checks(PlanarSliderCrank, "rod_bending_", "rod", "rigid"),
 )
 """Of what may be asked for together."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import pi
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 from daq.errors import UnphysicalParameter
-from daq.quantity import Bound, Flat, Quantity, Source, Whole
+from daq.quantity import Bound, Flat, Key, Quantity, Source, Whole, part_checks
 from sim_twin.contact import ContactLaw, Friction, linear
 from sim_twin.effects import BaseMass
 from sim_twin.joints.spatial import PrismaticJoint, SphericalJoint
@@ -96,7 +96,7 @@ class SpatialSliderCrank:
     incline: Annotated[float, Quantity("deg", -180, 180), Bound("rad", -pi, pi)] = 69 * pi / 180
     roll: Annotated[float, Quantity("deg", -180, 180), Bound("rad", -pi, pi)] = 10 * pi / 180
     marker_angle: float = 0.0
-    base: BaseMass | None = None
+    base: Annotated[BaseMass | None, Flat("base_")] = None
     """The guide on springs in y and z."""
 
     def __post_init__(self) -> None:
@@ -138,13 +138,21 @@ class SpatialSliderCrank:
 
 def nominal(
     slider_mass: Annotated[float, Quantity("kg", 0.001, 10)] = 0.35,
+    base: Annotated[Literal["rigid", "flexible"], Key()] = "rigid",
 ) -> SpatialSliderCrank:
-    """Return the rig of the source; a block of another mass is of another material, inertia goes with it."""
+    """Return the rig of the source; a block of another mass is of another material, inertia goes with it.
+
+    The source's guide stands on a plate that it says nothing of: a flexible base is assumed.
+    """
+    springs = BaseMass(400.0, 2.0, 0.02) if base == "flexible" else None
     block = Slider()
     if slider_mass == block.mass:
-        return SpatialSliderCrank()
+        return SpatialSliderCrank(base=springs)
     first, second, third = (moment * slider_mass / block.mass for moment in block.inertia)
-    return SpatialSliderCrank(slider=Slider(slider_mass, (first, second, third)))
+    return SpatialSliderCrank(slider=Slider(slider_mass, (first, second, third)), base=springs)
+
+
+CHECKS: Final = part_checks(SpatialSliderCrank, "base_", "base", "rigid")
 
 
 def rig_of_the_figures() -> SpatialSliderCrank:

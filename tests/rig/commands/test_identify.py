@@ -126,6 +126,7 @@ def test_values_far_off_are_found_and_used(
         ("modal_damping[1]", "unknown key"),
         ("shaker_mass", "a range, such as shaker_mass=LOW..HIGH"),
         ("pivot_stiffness", "it has none as it stands"),
+        ("base_plate_thickness=1 mm..5 mm", "a key of a part that the rig has"),
         ("yoke_frequency=5 m..3 Hz", "m is not a unit of this kind"),
         ("yoke_frequency=1 Hz..3 Hz", "10 Hz to 20000 Hz"),
         ("yoke_frequency=700 Hz", "a range, such as"),

@@ -158,6 +158,41 @@ def test_clamped_beam_has_one_mode_less_and_no_flexure() -> None:
     assert set(problems_of(lambda: parse_scenario(clamped))) == {"model.modes", "model.flexure_translation"}
 
 
+@pytest.mark.parametrize(
+    ("given", "key", "allowed"),
+    [
+        ("mode_damping = 0.02", "mode_damping", "a list, each 0 to 0.5"),
+        ("mode_damping = [0.02, 0.6]", "mode_damping", "0 to 0.5"),
+        ("modes = 1\nmode_damping = [0.02, 0.03]", "mode_damping", "as many at most as modes are kept, 1"),
+        (
+            'beam = "aluminium"\nflexure_length = "3 mm"',
+            "flexure_length",
+            "none (the aluminium beam is clamped)",
+        ),
+    ],
+)
+def test_damping_of_modes_and_a_flexure_have_to_be_there(given: str, key: str, allowed: str) -> None:
+    text = SOUND.replace('beam = "steel"\n', "").replace('clearance = "0.127 mm"', given)
+    assert allowed in only_problem(lambda: parse_scenario(text), f"model.{key}").allowed
+
+
+def test_the_lowest_modes_have_their_own_damping() -> None:
+    rig = twin_of(parse_scenario(with_model("modes = 4\nmode_damping = [0.02, '3 %']"))).rig
+    assert rig.modal_damping == pytest.approx((0.02, 0.03, 0.01, 0.01), rel=1e-12)
+
+
+def test_a_part_of_a_crank_is_there_before_its_keys_are() -> None:
+    rest = '[drive]\nspeed = "200 rpm"\n[acquisition]\nsample_rate = "25.6 kHz"\nduration = "1 s"\n'
+    for rig, word, key in (
+        ("spatial_slider_crank", "base", 'base_mass = "2 kg"'),
+        ("planar_slider_crank", "rod", 'rod_bending_frequency = "90 Hz"'),
+    ):
+        text = f'rig = "{rig}"\n[model]\n{key}\n{rest}'
+        name = f"model.{key.partition(' ')[0]}"
+        assert f"another {word} than rigid" in only_problem(lambda: parse_scenario(text), name).allowed
+        assert parse_scenario(text.replace(key, f'{key}\n{word} = "flexible"')).rig == rig
+
+
 def test_every_fault_is_told_at_once() -> None:
     text = """
         rig = "impact_beam"
