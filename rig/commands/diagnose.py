@@ -195,7 +195,7 @@ def calibrate(
 def _learn_spread(
     runs: list[Path], model: Path | None, out: Path, rigs: int, seed: int, budget: float, screen: Screen
 ) -> None:
-    from rig.diagnosis.lab import lab_text, spread_of
+    from rig.diagnosis.lab import lab_text, not_learnt, spread_of
 
     looked_at, found, known = spread_of(runs, rigs, seed, budget, screen, model)
     text = lab_text(looked_at, found, [run.name for run in runs], known)
@@ -205,6 +205,8 @@ def _learn_spread(
             table.add_row(name, f"{width:.2f}", f"{told:.0%}")
     screen.console.print(table)
     screen.say(f"all together {found.common:.2f} times as wide as usual, which the rest is taken to be")
+    anew = not_learnt(looked_at[0])
+    screen.say(f"not learnt, for it is set anew for each run: {anew}; say it in [tolerances]")
     out.write_text(text, encoding="utf-8")
     screen.say(f"model      {out}")
 

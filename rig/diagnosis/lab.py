@@ -125,6 +125,17 @@ def _all_wide(twin: AnyTwin) -> dict[str, float]:
     return {name: _WIDE * twin.widths.get(name, width) for name, width in usual.items()}
 
 
+def not_learnt(run: AloneRun) -> str:
+    """What is set anew for each run, and how far it differs: its spread is no rig's, and none is learnt."""
+    tolerances = RIGS[run.scenario.rig].tolerances(run.scenario.model).values()
+    widths = run.scenario.widths
+    return ", ".join(
+        f"{each.name} {_plain(each, widths.get(each.name, 1.0) * each.deviation)}"
+        for each in tolerances
+        if each.each_run
+    )
+
+
 def lab_text(
     runs: Sequence[AloneRun], spread: Spread, names: Sequence[str], known: ModelFile | None = None
 ) -> str:
@@ -136,6 +147,8 @@ def lab_text(
         "# How far healthy rigs of this lab differ, as rattle calibrate --spread learnt it: standard",
         "# deviations; for --model, or for [tolerances] of a scenario. What the runs do not tell is as wide",
         f"# as all together, {spread.common:.2f} times as wide as usual.",
+        "# What is set anew for each run is not learnt and stays as wide as the scenario says:",
+        f"# {not_learnt(runs[0])}.",
         *head_text(rig, names, list(dict.fromkeys(run.scenario.name for run in runs))),
         "",
         "[tolerances]",

@@ -32,6 +32,7 @@ def test_what_was_learnt_is_used_as_it_is_written(runs: list[Path], tmp_path: Pa
     widths = np.array([2.0, 1.5, 1.2, 1.8])
     text = lab_text(alone, Spread(names, widths, 1.8, np.ones(4), np.ones(3)), ["a.mcap"])
     assert 'contact_stiffness = "10 %"  # usual 5 %' in text
+    assert "# clearance 2 %, drive.amplitude 1 %, drive.frequency 0.02 %." in text
     (tmp_path / "lab.toml").write_text(text)
     scenario = parse_scenario(SCENARIO)
     model = load_model(tmp_path / "lab.toml", "impact_beam")
@@ -95,5 +96,6 @@ def test_rigs_that_differ_by_more_make_wider_tolerances(call: Call, runs: list[P
     assert answer.code == 0, answer.err
     scenario = parse_scenario(SCENARIO)
     twin = with_model(twin_of(scenario), load_model(path, "impact_beam"), scenario, pytest.fail)
+    assert "not learnt, for it is set anew for each run: clearance 2 %" in answer.out
     # drawn four times as wide, of which three rigs tell little
     assert twin.widths["yoke_frequency"] > 1.3
