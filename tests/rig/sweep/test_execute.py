@@ -290,7 +290,7 @@ def test_every_point_is_shown_in_the_view_and_predicted_by_the_model(trial: Tria
     trial.call(runs := Runs())
     assert [each.view for each in runs.asked] == [trial.view] * 4
     assert len(shown) == 4  # after each point what there is of it, of the last one too
-    assert all(None not in series["measured"] for series in shown[-1].plots.values())
+    assert None not in shown[-1].plots["largest peak, N"]["measured"]
     assert all(each.model is trial.model for each in runs.asked)
     trial.model = None
     with pytest.raises(ConfigurationError, match=r"model file = .changed since"):
