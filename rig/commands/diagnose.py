@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same answer.")]
-_BUDGET_S, _SEEDS = 120.0, 3
+_SEEDS = 3
 _LISTED = 4
 _WORTH_LISTING = 0.005
 _LEAST_TOLD = 0.2
@@ -38,13 +38,16 @@ def diagnose(
     budget: Annotated[
         float | None,
         typer.Option(
-            "--budget", min=10.0, metavar="SECONDS", help="What it takes two free cores, about; without 120."
+            "--budget",
+            min=10.0,
+            metavar="SECONDS",
+            help="What it takes two free cores, about; without 120. Of a rig of your own, when it stops.",
         ),
     ] = None,
     effort: Annotated[
         float | None,
         typer.Option(
-            "--effort", min=0.1, max=20.0, help="So many times what fits into the budget; without 1."
+            "--effort", min=0.1, max=20.0, help="So many times as many rigs are simulated; without 1."
         ),
     ] = None,
     subject: Annotated[
@@ -65,16 +68,17 @@ def diagnose(
 
     screen = Screen(Terminal(stderr=machine))
     if subject is None:
-        from rig.diagnosis.diagnose_runs import diagnose_runs
+        from rig.diagnosis.diagnose_runs import BUDGET_S, diagnose_runs
 
         _only_with("--subject", {"--seeds": seeds, "--rigs": rigs})
         runs = [is_log(run) for run in runs]
-        findings, files = diagnose_runs(runs, model, out, seed, budget or _BUDGET_S, screen, effort or 1.0)
+        findings, files = diagnose_runs(runs, model, out, seed, budget or BUDGET_S, screen, effort or 1.0)
     else:
         from rig.diagnosis.own_rig import OwnRequest, diagnose_own
 
-        _only_with("rattle's own rigs", {"--model": model, "--budget": budget, "--effort": effort})
-        findings, files = diagnose_own(OwnRequest(subject, runs, seed, seeds or _SEEDS, rigs), out, screen)
+        _only_with("rattle's own rigs", {"--model": model})
+        request = OwnRequest(subject, runs, seed, seeds or _SEEDS, rigs, effort or 1.0, budget)
+        findings, files = diagnose_own(request, out, screen)
     if machine:
         typer.echo(files["diagnosis"].read_text(encoding="utf-8"), nl=False)
         return

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from daq.errors import RattleError
 from rig.diagnosis.argument import of_cut_short
 from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
-from rig.diagnosis.kept import Kept
+from rig.diagnosis.kept import Kept, kept_runs
 from rig.diagnosis.model_values import with_doubts
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.diagnosis.report import arguments, before_and_after, causes, gap_map, verdict
@@ -42,6 +42,8 @@ from sim_twin.diagnosis.separability import rivals_of, told_apart
 from sim_twin.diagnosis.subject import Draw, Execute, Named
 from sim_twin.diagnosis.typical_cycle import typical_cycles
 
+BUDGET_S: Final = 120.0
+"""What a diagnosis takes two free cores, where nothing else is asked."""
 _OVERTIME = 1.6
 """Of the budget: when a loaded machine has to stop simulating, and the answer says so."""
 _LAST = 1.9
@@ -74,7 +76,7 @@ def diagnose_runs(
     planned = effort_for(data.campaign, effort * budget_s)
     latest_s = max(1.0, effort) * budget_s
     told = _text_of(model)
-    kept = Kept(data.campaign, told, screen.warn)
+    kept = kept_runs(data.campaign, told, screen.warn)
     work = work_of("diagnose again" if kept.some else "diagnose", data.campaign, [1] * planned.most)
     with (
         screen.bar("simulating", planned.most, "rigs", work, longest_s=_OVERTIME * latest_s) as bar,
@@ -86,7 +88,7 @@ def diagnose_runs(
 
         def simulate(campaign: Campaign) -> Execute:
             later = Simulated(campaign, workers, began + _LAST * latest_s, lambda _: None)
-            return Kept(campaign, told, screen.warn).by(later)
+            return kept_runs(campaign, told, screen.warn).by(later)
 
         experiment = _next_experiment(data, _model_of(model, data), rivals_of(findings), simulate, seed)
     if simulated.cut_short:
@@ -233,7 +235,7 @@ def measured_gap(
     given = () if effects is None else tuple(load_effects(effects, rig.effects))
     alone = given if len(given) > 1 else ()
     wanted = [((), _HEALTHY), *([(given, _REPAIRED)] if given else []), *(((one,), _ALONE) for one in alone)]
-    kept = Kept(data.campaign, _text_of(model), screen.warn)
+    kept = kept_runs(data.campaign, _text_of(model), screen.warn)
     healthy, *others = _simulated(data, wanted, seed, screen, kept)
     measure = gap_measure(healthy, data.campaign.layout)
     repaired = [np.array([blocks[0] for blocks in each], dtype=np.float64) for each in others]

@@ -1,4 +1,4 @@
-"""What was simulated of a run's setting, kept by content: a second look simulates nothing anew.
+"""What was simulated of a rig, kept by content: a second look simulates nothing anew.
 
 A file of the cache holds fingerprints of one setting by their draws: a line that says which program made
 them, then records of digest, length, checksum and content, appended as they come.
@@ -10,11 +10,12 @@ import fcntl
 import hashlib
 import inspect
 import os
+import pickle
 import struct
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
@@ -30,9 +31,8 @@ from rig.files.cache import cache_folder
 from rig.rigs.kind import RigKind
 from sim_twin.diagnosis.campaign import Campaign, RunSetting, joined
 from sim_twin.diagnosis.fingerprint import Layout
-from sim_twin.diagnosis.subject import Draw, Execute, Observed
+from sim_twin.diagnosis.subject import Draw, Execute, Observed, OfRuns, Subject
 
-Samples = NDArray[np.float32]
 KEEP: Final = "RATTLE_SIMULATED"
 """Of the environment: at 0 nothing is kept, nor used."""
 _HEAD: Final = struct.Struct("<16sII")
@@ -55,45 +55,58 @@ def kept_arrays(file: Path) -> dict[str, NDArray[Any]] | None:
         return None
 
 
-class Kept:
-    """What is kept of each run of a campaign, under the text of a calibration's `model`.
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What one file of the cache holds the simulations of: one run, or all of a rig that has none.
 
-    `tell` hears of a cache that is not used.
+    `told` is all that they follow from beside the program, of which `version` makes a digest. They are `size`
+    numbers wide.
     """
 
-    def __init__(self, campaign: Campaign, model: str, tell: Callable[[str], None]) -> None:
-        self._campaign = campaign
+    told: tuple[object, ...]
+    version: Callable[[], str]
+    size: int
+
+
+class Kept:
+    """What is kept of a subject: by the number of each run, if it simulates them apart; else as its only one.
+
+    `tell` hears of a cache that is not used. `told` is what a draw follows from beside its setting.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        settings: Mapping[int, Setting],
+        tell: Callable[[str], None],
+        told: Callable[[Draw], tuple[object, ...]] = lambda _: (),
+    ) -> None:
+        self._subject, self._told = subject, told
+        self._sizes = {number: each.size for number, each in settings.items()}
         folder = cache_folder() / "simulated"
         _bounded(folder)
-        self._files = [
-            _KeptRuns(folder / f"{digest_of(number, *setting_told(run), model).hex()}.kept", run, tell)
-            for number, run in enumerate(campaign.runs)
-        ]
-
-    @property
-    def some(self) -> bool:
-        """Whether anything is known of these runs."""
-        return any(file.known for file in self._files)
+        self._files = {
+            number: _KeptRuns(folder / f"{digest_of(*each.told).hex()}.kept", each.version, tell)
+            for number, each in settings.items()
+        }
+        self.some = any(file.known for file in self._files.values())
+        """Whether anything was known before."""
 
     def lacking(self, draws: Sequence[Draw]) -> list[Draw]:
         """Those of which not all is kept."""
         digests = (self._digest(replace(draw, runs=())) for draw in draws)
-        known = (all(digest in file.known for file in self._files) for digest in digests)
+        known = (all(digest in file.known for file in self._files.values()) for digest in digests)
         return [draw for draw, kept in zip(draws, known, strict=True) if not kept]
 
     def _digest(self, draw: Draw) -> bytes:
-        """Of a draw, and of what its values are changed from, where it has any."""
-        campaign = self._campaign
-        if isinstance(campaign, WithValues) and campaign.has_values(draw):
-            return digest_of(draw, campaign.given)
-        return digest_of(draw)
+        return digest_of(draw, *self._told(draw))
 
     def by(self, simulated: Simulated) -> Execute:
         """Has `simulated` observe draws, except what is kept of each run."""
         return partial(self._observed, simulated)
 
     def _observed(self, simulated: Simulated, draws: Sequence[Draw]) -> list[Observed]:
-        every = tuple(range(len(self._files)))
+        every = tuple(self._files)
         wanted = [draw.runs or every for draw in draws]
         draws = [replace(draw, runs=()) for draw in draws]
         digests = [self._digest(draw) for draw in draws]
@@ -109,8 +122,8 @@ class Kept:
             sum(one is not None for known in of_runs for one in known.values()) / len(self._files)
         )
         for runs, places in lacking.items():
-            sizes = [Layout(self._campaign.runs[k].columns.cells(k)).size for k in runs]
-            shown = simulated.of(self._campaign.only(runs), [draws[at] for at in places])
+            sizes = [self._sizes[k] for k in runs]
+            shown = simulated.of(self._only(runs), [draws[at] for at in places])
             for at, each in zip(places, shown, strict=True):
                 for k, one in zip(runs, _apart(each, sizes), strict=True):
                     of_runs[at][k] = one
@@ -120,24 +133,60 @@ class Kept:
             joined([one or () for one in each.values()]) if all(each.values()) else () for each in of_runs
         ]
 
+    def _only(self, runs: tuple[int, ...]) -> Subject:
+        return self._subject.only(runs) if isinstance(self._subject, OfRuns) else self._subject
+
+
+def kept_runs(campaign: Campaign, model: str, tell: Callable[[str], None]) -> Kept:
+    """What is kept of the runs of a campaign, under the text of a calibration's `model`."""
+    settings = {
+        number: Setting(
+            (number, *setting_told(run), model),
+            partial(version_of, run),
+            Layout(run.columns.cells(number)).size,
+        )
+        for number, run in enumerate(campaign.runs)
+    }
+
+    def told(draw: Draw) -> tuple[object, ...]:
+        """What its values are changed from, where it has any."""
+        return (campaign.given,) if isinstance(campaign, WithValues) and campaign.has_values(draw) else ()
+
+    return Kept(campaign, settings, tell, told)
+
+
+def kept_rig(subject: Subject, version: Callable[[], str], tell: Callable[[str], None]) -> Kept:
+    """What is kept of somebody's own rig, by what other processes get of it."""
+    parts = {0: subject}
+    if isinstance(subject, OfRuns):
+        parts = {run: subject.only((run,)) for run in sorted({cell.run for cell in subject.layout.cells})}
+    settings = {
+        run: Setting((hashlib.sha256(pickle.dumps(part)).hexdigest(),), version, part.layout.size)
+        for run, part in parts.items()
+    }
+    return Kept(subject, settings, tell)
+
 
 def _apart(shown: Observed, sizes: Sequence[int]) -> list[Observed]:
-    """The fingerprints of each run out of those side by side."""
+    """The fingerprints of each run out of those side by side, as exact as they are kept."""
     ends = np.cumsum(sizes)[:-1]
-    parts = [[None] * len(sizes) if each is None else np.split(each, ends, axis=1) for each in shown]
+    parts = [
+        [None] * len(sizes) if each is None else np.split(np.asarray(each, np.float32), ends, axis=1)
+        for each in shown
+    ]
     return [tuple(each[k] for each in parts) for k in range(len(sizes))]
 
 
 class _KeptRuns:
     """What is known of one setting, by the digest of its draw."""
 
-    def __init__(self, path: Path, setting: RunSetting, tell: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, version: Callable[[], str], tell: Callable[[str], None]) -> None:
         self.known: dict[bytes, Observed] = {}
         self._path, self._tell = path, tell
         self._works = os.environ.get(KEEP) != "0"
         if not self._works:
             return
-        self._begin = version_of(setting).encode() + b"\n"
+        self._begin = version().encode() + b"\n"
         try:
             with path.open("rb") as file:
                 fcntl.flock(file, fcntl.LOCK_SH)  # else what another diagnosis is adding would look damaged

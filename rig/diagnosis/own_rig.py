@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 import time
-import traceback
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib import import_module
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -20,26 +16,27 @@ from pyarrow import csv
 from threadpoolctl import threadpool_limits
 
 from daq.allowance import Allowance
-from daq.errors import LogError, RattleError
+from daq.errors import LogError, RattleError, SimulationFailed
 from daq.formats.arrays import named
 from daq.formats.contents import opened
 from daq.log.reader import LogReader, begins_as_log
-from daq.plugins import plugins
+from rig.diagnosis.argument import of_cut_short
 from rig.diagnosis.diagnose_runs import write_report
 from rig.diagnosis.document import document, effects_file, provenance, write_json
+from rig.diagnosis.kept import Kept, kept_rig
 from rig.diagnosis.report import arguments, causes, gap_map, own_rig, verdict
 from rig.diagnosis.report.case import Case, RunFacts
 from rig.diagnosis.report.verdict import LEFT_OPEN
-from rig.ensembles import Simulated, cores, worker_processes
+from rig.diagnosis.subject_file import ReadRig, failed, read_rig
+from rig.ensembles import Simulated, cores, workers_when_needed
 from rig.files.out_folder import check_out
 from rig.pages.content import Section
 from rig.session.pace import Work
 from rig.session.progress import Screen
 from sim_twin.diagnosis.findings import Findings
-from sim_twin.own_rig import Check, Draw, Effort, Observed, OwnRig, Subject, Widening, check, diagnose, pooled
+from sim_twin.own_rig import Check, Columns, Effort, Subject, Widening, check, diagnose, pooled
 
-Blocks = NDArray[np.float32]
-Columns = Mapping[str, NDArray[np.floating]]
+Asked = TypeVar("Asked")
 _LEAST, _EACH, _JUDGING = 400, 40, 60
 """Rigs that are simulated to search with, or as many for each cause; and to judge with."""
 _WIDTHS = (0.5, 2.0)
@@ -64,7 +61,7 @@ class OwnRequest:
     """What is asked: `subject` is a Python file, or a name of `rattle.subjects`; `runs` are what it measured.
 
     `seeds` are as many as are asked, from `seed` on; `rigs` are simulated for each, None where the number of
-    causes says how many.
+    causes says how many, `effort` times as many in all. None is begun after `budget_s`, where that is given.
     """
 
     subject: str
@@ -72,6 +69,23 @@ class OwnRequest:
     seed: int = 0
     seeds: int = 3
     rigs: int | None = None
+    effort: float = 1.0
+    budget_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Answers:
+    """What the check of a subject said, what was found with each seed, and at each other healthy width.
+
+    `rigs` were simulated for each; `lacking` are remarks on what there was no time for.
+    """
+
+    subject: Subject
+    checked: Check
+    rigs: int
+    by_seed: Mapping[int, Findings]
+    by_width: Mapping[float, Findings]
+    lacking: Sequence[str]
 
 
 def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findings, dict[str, Path]]:
@@ -81,65 +95,39 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     """
     began = time.monotonic()
     check_out(out)
-    subject, measured = _read(request)
-    rigs = request.rigs or max(_LEAST, _EACH * len(subject.causes))
-    effort, name = Effort(rigs, _JUDGING), Path(request.subject).stem
-    seeds = range(request.seed, request.seed + request.seeds)
+    tables = [columns_of(path) for path in request.runs]
     try:
-        with ExitStack() as stack, threadpool_limits(1, user_api="blas"):
-            # what is wrong at once is told before any worker has started
-            workers = cache(lambda: stack.enter_context(worker_processes(cores())))
-
-            def look(draws: Sequence[Draw]) -> list[Observed]:
-                return Simulated(subject, workers().executor, began + _NO_DEADLINE, lambda _: None)(draws)
-
-            with screen.busy("checking the subject", Work(f"check {name} on {cores()}", rigs)):
-                checked = check(subject, measured, look, request.seed, rigs)
-            _tell(request.subject, checked, screen)
-            total = len(seeds) * effort.most
-            with screen.bar("simulating", total, "rigs", Work(f"{name} on {cores()}", total)) as bar:
-                shown = Simulated(subject, workers().executor, began + _NO_DEADLINE, bar)
-                each = [diagnose(subject, measured, effort, shown, seed) for seed in seeds]
-            widths = {}
-            others = (
-                {times: subject.wider(times) for times in _WIDTHS} if isinstance(subject, Widening) else {}
-            )
-            for times, other in others.items():
-                told = f"with healthy rigs {times:g} times as wide"
-                with screen.bar(told, effort.most, "rigs") as bar:
-                    shown = Simulated(other, workers().executor, began + _NO_DEADLINE, bar)
-                    widths[times] = diagnose(other, measured, effort, shown, request.seed)
+        with threadpool_limits(1, user_api="blas"):
+            rig = read_rig(request.subject, tables)
+            answers = _answers(request, rig, began, screen)
     except RattleError:
         raise
     except Exception as error:  # whatever a simulator raises
-        raise _failed(request.subject, error) from error
+        raise failed(request.subject, error) from error
+    each, widths = list(answers.by_seed.values()), answers.by_width
     findings = pooled(each)
-    remarks = [*checked.remarks, *_seeds(each, findings), *_widths(widths, findings), *_left(findings)]
-    for remark in remarks[len(checked.remarks) :]:
+    told = [*_seeds(each, findings), *_widths(widths, findings), *_left(findings), *answers.lacking]
+    for remark in told:
         screen.warn(remark)
     alike = [f"with {len(each)} seeds"] if len(each) > 1 and not _seeds(each, findings) else []
     alike += ["with narrower and wider healthy rigs"] if widths and not _widths(widths, findings) else []
     if alike:
         screen.say(f"the same {' and '.join(alike)}")
-    asked = {"subject": request.subject, "seeds": len(seeds), "rigs": rigs}
-    said = {**provenance(request.seed), **asked}
+    remarks = [*answers.checked.remarks, *told]
+    asked = {"subject": request.subject, "seeds": request.seeds, "rigs": answers.rigs}
+    said = {**provenance(request.seed), **asked, "budget_s": request.budget_s}
     content = document(findings, {}, request.runs, said, None, None, time.monotonic() - began, remarks)
-    content["by_seed"] = [
-        {"seed": seed, "verdict": one.verdict, "selected": list(one.names), **_shares(one)}
-        for seed, one in zip(seeds, each, strict=True)
-    ]
-    content["by_width"] = [
-        {"width": times, "verdict": one.verdict, "selected": list(one.names), **_shares(one)}
-        for times, one in widths.items()
-    ]
+    content["by_seed"] = [{"seed": seed, **_in_short(one)} for seed, one in answers.by_seed.items()]
+    content["by_width"] = [{"width": times, **_in_short(one)} for times, one in widths.items()]
     content["found_again"] = [
         {"cause": cause, "found": right, "of": of, "else": wrong or None}
-        for cause, (right, of, wrong) in checked.found_again.items()
+        for cause, (right, of, wrong) in answers.checked.found_again.items()
     ]
     out.mkdir(parents=True, exist_ok=True)
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
     files = {what: out / name for what, name in names.items()}
-    parts = sorted({cell.run for cell in subject.layout.cells})
+    parts = sorted({cell.run for cell in answers.subject.layout.cells})
+    name = Path(request.subject).stem
     facts = [
         RunFacts(f"run {k + 1}" if parts != [0] else " ".join(p.name for p in request.runs), name)
         for k in parts
@@ -150,6 +138,76 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     write_json(files["effects"], effects_file(findings))
     write_report(files["report"], case, SECTIONS)
     return findings, files
+
+
+def _answers(request: OwnRequest, rig: ReadRig, began: float, screen: Screen) -> _Answers:
+    """Have a rig checked and diagnosed; what was simulated of it before is not simulated again."""
+    subject, name = rig.subject, Path(request.subject).stem
+    rigs = max(1, round(request.effort * (request.rigs or max(_LEAST, _EACH * len(subject.causes)))))
+    effort = Effort(rigs, _JUDGING)
+    latest = began + (_NO_DEADLINE if request.budget_s is None else request.budget_s)
+    seeds = range(request.seed, request.seed + request.seeds)
+    widths = {times: subject.wider(times) for times in _WIDTHS} if isinstance(subject, Widening) else {}
+
+    def kept(of: Subject) -> Kept:
+        return kept_rig(of, lambda: rig.version, screen.warn)
+
+    usual = cache(lambda: kept(subject))  # what is wrong at once is told before anything is looked up
+    with workers_when_needed(cores()) as workers:
+
+        def asked(of: Subject, known: Kept, bar: Callable[[float], None]) -> Callable[[int], Findings]:
+            execute = known.by(Simulated(of, workers, latest, bar))
+            return partial(diagnose, of, rig.measured, effort, execute)
+
+        def at_width(times: float) -> Findings:
+            text, other = f"with healthy rigs {times:g} times as wide", widths[times]
+            with screen.bar(text, effort.most, "rigs", longest_s=request.budget_s) as bar:
+                return asked(other, kept(other), bar)(request.seed)
+
+        looked = Simulated(subject, workers, began + _NO_DEADLINE, lambda _: None)
+        with screen.busy("checking the subject", Work(f"check {name} on {cores()}", rigs)):
+            checked = check(
+                subject, rig.measured, lambda draws: usual().by(looked)(draws), request.seed, rigs
+            )
+        _tell(request.subject, checked, screen)
+        total = len(seeds) * effort.most
+        work = Work(f"{name} {'again ' if usual().some else ''}on {cores()}", total)
+        with screen.bar("simulating", total, "rigs", work, longest_s=request.budget_s) as bar:
+            by_seed = _in_time(seeds, asked(subject, usual(), bar), latest)
+        if not by_seed:
+            raise RattleError(f"{request.budget_s:g} s are too few for an answer: give it a larger --budget")
+        by_width = _in_time(widths, at_width, latest)
+    lacking = _lacking(by_seed, by_width, len(seeds), len(widths))
+    return _Answers(subject, checked, rigs, by_seed, by_width, lacking)
+
+
+def _in_time(
+    wanted: Iterable[Asked], ask: Callable[[Asked], Findings], latest: float
+) -> dict[Asked, Findings]:
+    """What was found of all that is wanted; after `latest` (monotonic s), of what there was time for."""
+    found = dict[Asked, Findings]()
+    for each in wanted:
+        try:
+            found[each] = ask(each)
+        except SimulationFailed:
+            if time.monotonic() < latest:
+                raise
+            break
+    return found
+
+
+def _lacking(
+    by_seed: Mapping[int, Findings], by_width: Mapping[float, Findings], seeds: int, widths: int
+) -> list[str]:
+    """Remarks where there was no time for all of some seeds and widths."""
+    found = [*by_seed.values(), *by_width.values()]
+    searched, judging = (min(getattr(one, share) for one in found) for share in ("searched", "judging"))
+    told = [of_cut_short(searched, judging)] if min(searched, judging) < 1.0 else []
+    if len(by_seed) < seeds:
+        told.append(f"there was time for {len(by_seed)} of {seeds} seeds")
+    if len(by_width) < widths:
+        told.append("there was no time to see how the answer hangs on the width of healthy rigs")
+    return told
 
 
 def _tell(name: str, checked: Check, screen: Screen) -> None:
@@ -198,63 +256,10 @@ def _said(findings: Findings) -> str:
     return " and ".join(findings.names) or findings.verdict
 
 
-def _shares(one: Any) -> dict[str, dict[str, float]]:
-    return {"probability": {"none": one.none, "effect": one.effect, "unknown": one.unknown}}
-
-
-def _read(request: OwnRequest) -> tuple[Subject, Blocks]:
-    own = own_rig_of(request.subject)
-    tables = [columns_of(path) for path in request.runs]
-    try:
-        return own.measured(tables)
-    except Exception as error:  # a user's code may raise anything
-        raise _failed(request.subject, error) from error
-
-
-def _failed(name: str, error: BaseException) -> RattleError:
-    """In words, with the last place in the user's own file where there is one."""
-    frames = [
-        each
-        for each in traceback.extract_tb(error.__traceback__)
-        if Path(each.filename).name == Path(name).name
-    ]
-    place = f", line {frames[-1].lineno}" if frames else ""
-    return RattleError(f"{name}{place}: {type(error).__name__}: {error}")
-
-
-def own_rig_of(name: str) -> OwnRig:
-    """What a Python file has as its `SUBJECT`, or an installed package offers under that name.
-
-    Raises RattleError, in words, where there is none.
-    """
-    path = Path(name)
-    if path.suffix != ".py":
-        offered = plugins("rattle.subjects", object)
-        found = offered.found.get(name)
-        if found is None:
-            known = ", ".join(offered.found) or "none"
-            raise RattleError(f"{name} is no Python file, and of installed subjects there is {known}")
-    else:
-        found = _loaded(path)
-    if not isinstance(found, OwnRig):
-        raise RattleError(f"{name} has neither a SUBJECT nor a function `measured`; see docs/own_rig.md")
-    return found
-
-
-def _loaded(path: Path) -> object:
-    """The file as a module of its name, so that other processes find what is in it."""
-    if not path.is_file():
-        raise RattleError(f"{path}: no such file")
-    folder = str(path.resolve().parent)
-    if folder not in sys.path:
-        sys.path.append(folder)
-    try:
-        module = import_module(path.stem)
-    except (Exception, SystemExit) as error:  # it may do anything as it is imported
-        raise _failed(str(path), error) from error
-    if Path(str(module.__file__)).resolve() != path.resolve():
-        raise RattleError(f"{path}: another module has its name ({module.__file__}); give it another one")
-    return getattr(module, "SUBJECT", module)
+def _in_short(one: Findings) -> dict[str, Any]:
+    """What one of several answers says."""
+    shares = {"none": one.none, "effect": one.effect, "unknown": one.unknown}
+    return {"verdict": one.verdict, "selected": list(one.names), "probability": shares}
 
 
 def columns_of(path: Path) -> Columns:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import RattleError
-from rig.diagnosis.diagnose_runs import diagnose_runs
+from rig.diagnosis.diagnose_runs import BUDGET_S, diagnose_runs
 from rig.diagnosis.own_rig import OwnRequest, diagnose_own
 from rig.files.file_kind import refuse_other_than_log
 from rig.files.out_folder import check_out
@@ -107,7 +107,7 @@ def diagnosed(
     out: _File | None,
     model: _File | None,
     seed: int,
-    budget: float,
+    budget: float | None,
     quiet: bool,
     subject: _File | None,
 ) -> Diagnosis:
@@ -123,11 +123,11 @@ def diagnosed(
     screen = Screen(Terminal(quiet=quiet))
     with unguarded_main():
         if subject is not None:
-            _, files = diagnose_own(OwnRequest(str(subject), runs, seed), folder, screen)
+            _, files = diagnose_own(OwnRequest(str(subject), runs, seed, budget_s=budget), folder, screen)
         else:
             for run in runs:
                 refuse_other_than_log(run)
-            _, files = diagnose_runs(runs, fitted, folder, seed, budget, screen)
+            _, files = diagnose_runs(runs, fitted, folder, seed, budget or BUDGET_S, screen)
     document, selected = (
         json.loads(files[name].read_text(encoding="utf-8")) for name in ("diagnosis", "effects")
     )

@@ -98,15 +98,15 @@ def diagnose(
     out: _File | None = None,
     model: _File | None = None,
     seed: int = 0,
-    budget: float = 120.0,
+    budget: float | None = None,
     quiet: bool = False,
     subject: _File | None = None,
 ) -> Diagnosis:
     """Say where rig and twin differ, which effect causes it, and how far the gap shrinks with that in.
 
-    As `rattle diagnose` does. Several logs are one campaign on one rig. `budget` is the time to spend, in s.
-    `subject` is a Python file with a rig of one's own, or the name of an installed one; `logs` are its files
-    then, and neither `model` nor `budget` counts.
+    As `rattle diagnose` does. Several logs are one campaign on one rig. `budget` is the time to spend, in s;
+    without it 120, and of a rig of one's own as long as it takes. `subject` is a Python file with such a rig,
+    or the name of an installed one; `logs` are its files then, and `model` does not count.
     `out` keeps the report; else it is gone with what is returned. Raises RattleError.
     """
     from rig.library.diagnosis import diagnosed

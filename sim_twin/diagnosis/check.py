@@ -73,6 +73,18 @@ def check(subject: Subject, measured: Blocks, execute: Execute, seed: int = 0, m
     return _found_again(subject, measured, execute, seed, motions, remarks)
 
 
+def first_draws(subject: Subject, seed: int) -> list[Draw]:
+    """A healthy rig, and one with each cause somewhere in its range, which may have a branch of its own."""
+    rng = np.random.default_rng(seed)
+    draws = [Draw((), seed)]
+    for cause in subject.causes:
+        [values] = drawn((cause,), 1, rng)
+        effects = named((cause,), values)
+        moving, shown = ((), ((), effects)) if cause.sensing else (effects, ((), ()))
+        draws.append(Draw(moving, seed, shown))
+    return draws
+
+
 def _said(subject: Subject, measured: Blocks, _: Execute, __: int) -> Iterator[str]:
     """What can be seen without simulating anything."""
     layout, causes = subject.layout, subject.causes
@@ -103,13 +115,7 @@ def _said(subject: Subject, measured: Blocks, _: Execute, __: int) -> Iterator[s
 
 def _same_draws(subject: Subject, measured: Blocks, _: Execute, seed: int) -> Iterator[str]:
     """In this process, so that what fails is told with its place."""
-    rng = np.random.default_rng(seed)
-    draws = [Draw((), seed, blocks=2), Draw((), seed + 1, blocks=2), Draw((), seed)]
-    for cause in subject.causes:  # each may have a branch of its own
-        [values] = drawn((cause,), 1, rng)
-        effects = named((cause,), values)
-        moving, shown = ((), ((), effects)) if cause.sensing else (effects, ((), ()))
-        draws.append(Draw(moving, seed, shown))
+    draws = [Draw((), seed, blocks=2), Draw((), seed + 1, blocks=2), *first_draws(subject, seed)]
     try:
         first, again = subject.observe(draws), subject.observe(draws[::-1])[::-1]
     except Exception as error:
@@ -310,9 +316,12 @@ def _within(blocks: NDArray[np.floating], unit: Array) -> float:
 
 
 def _alike(one: Observed, other: Observed) -> bool:
+    exactly = [  # as they are kept
+        [None if each is None else np.asarray(each, np.float32) for each in shown] for shown in (one, other)
+    ]
     return len(one) == len(other) and all(
         (a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
-        for a, b in zip(one, other, strict=True)
+        for a, b in zip(*exactly, strict=True)
     )
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,11 +14,16 @@ import pytest
 import rattle
 from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
-from daq.errors import LogError
+from daq.errors import LogError, RattleError
 from daq.log.records import STOPPING, Event
 from daq.log.writer import LogWriter
 from rig.commands.cli import FAILED, WRONG_USE
-from rig.diagnosis.own_rig import columns_of
+from rig.diagnosis import own_rig as diagnosing
+from rig.diagnosis.kept import KEEP
+from rig.diagnosis.own_rig import OwnRequest, columns_of, diagnose_own
+from rig.ensembles import Simulated
+from rig.session.progress import Screen, Terminal
+from sim_twin.own_rig import Draw, Observed, Subject
 from tests.fake_packages import install
 from tests.hostile import bounded
 from tests.own_rigs.conftest import TIMES, bouncing_ball
@@ -32,17 +36,6 @@ CODE = bouncing_ball()
 @pytest.fixture
 def call(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Call:
     return caller(monkeypatch, capfd)
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Iterator[Path]:
-    """A folder of its own, whose modules no other test sees."""
-    path, modules = list(sys.path), set(sys.modules)
-    yield tmp_path
-    sys.path[:] = path
-    for name in sys.modules.keys() - modules:
-        if str(getattr(sys.modules[name], "__file__", "")).startswith(str(tmp_path)):
-            del sys.modules[name]
 
 
 def written(folder: Path, code: str = CODE, drag: float = 0.0) -> tuple[Path, Path]:
@@ -110,6 +103,49 @@ def test_an_installed_rig_is_diagnosed_from_python_by_its_name(
     assert found.verdict == "none"
     assert found.document["provenance"]["subject"] == "ball"
     assert found.report.is_file()
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+def test_a_second_look_simulates_nothing_and_says_the_same_until_the_rig_changes(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    monkeypatch.delenv(KEEP)
+    simulated: list[Draw] = []
+
+    class Counted(Simulated):
+        def of(self, subject: Subject, draws: Sequence[Draw]) -> list[Observed]:
+            simulated.extend(draws)
+            return super().of(subject, draws)
+
+    monkeypatch.setattr(diagnosing, "Simulated", Counted)
+    rig, drops = written(folder, drag=0.08)
+
+    def asked(*more: object) -> tuple[dict[str, object], int]:
+        simulated.clear()
+        options = ("--out", folder / "answer", "--seeds", 1, *more)
+        said = call("diagnose", "--subject", rig, drops, *options)
+        assert said.code == 0, said.err
+        found = json.loads((folder / "answer" / "diagnosis.json").read_text())
+        return {name: found[name] for name in ("verdict", "effects", "gap", "by_width")}, len(simulated)
+
+    first, count = asked("--effort", 0.5)
+    assert count > 300  # the check's, and of three widths those of a first look and those to judge by
+    assert asked("--rigs", 200) == (first, 0)
+    assert asked("--effort", 0.5, "--budget", 10) == (first, 0)  # nothing is left that takes time
+    rig.write_text(f"{CODE}\n# the same, but who knows\n")
+    assert asked("--effort", 0.5) == (first, count)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+def test_a_budget_that_is_too_small_gives_no_answer(folder: Path) -> None:
+    rig, drops = written(folder)
+    request = OwnRequest(str(rig), [drops], seeds=1, budget_s=0.0)
+    with pytest.raises(RattleError, match="0 s are too few for an answer: give it a larger --budget"):
+        diagnose_own(request, folder / "answer", Screen(Terminal(quiet=True)))
+    assert not (folder / "answer").exists()
 
 
 def test_a_subject_that_draws_differently_from_the_same_seed_is_never_used(call: Call, folder: Path) -> None:
@@ -203,7 +239,6 @@ def test_an_own_rig_is_not_fitted_to_the_way_to_rest(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--subject", "a.py", "--budget", 20), "--budget goes with rattle's own rigs only"),
         (("--subject", "a.py", "--model", "m.toml"), "--model goes with rattle's own rigs only"),
         (("--rigs", 20), "--rigs goes with --subject only"),
     ],

@@ -23,7 +23,10 @@ _WIDTHS = (
     "How wide healthy rigs are decides what is unusual. If they were narrower or wider than the subject "
     "says, this would be the answer."
 )
-_NOT_ASKED = "The subject has no `wider`, so nobody knows how the answer hangs on the width of healthy rigs."
+_NOT_ASKED = (
+    "How the answer hangs on the width of healthy rigs is not known: the subject has no `wider`, or "
+    "there was no time."
+)
 
 
 def trust(case: Case) -> list[Part]:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from rig.diagnosis import kept
-from rig.diagnosis.kept import Kept
+from rig.diagnosis.kept import kept_runs
 from rig.diagnosis.recordings import setting_of
 from rig.ensembles import Simulated
 from rig.files.scenario import parse_scenario
@@ -55,7 +55,7 @@ def looked(campaign: Campaign, draws: Sequence[Draw] = DRAWS, model: str = "") -
             return super().of(subject, draws)
 
     simulated = Counted(campaign, Here(), time.monotonic() + LATER, lambda _: None)
-    return Kept(campaign, model, told.append).by(simulated)(draws), simulated_runs, told
+    return kept_runs(campaign, model, told.append).by(simulated)(draws), simulated_runs, told
 
 
 def same(one: Sequence[Observed], other: Sequence[Observed]) -> bool:
@@ -98,16 +98,16 @@ def test_of_a_draw_that_asks_for_some_runs_the_others_are_simulated_when_they_ar
 
 def test_what_is_lacking_is_what_not_all_runs_have() -> None:
     two = Campaign((setting("9 N"), setting("7 N")))
-    assert Kept(two, "", lambda _: None).lacking(DRAWS) == [*DRAWS]
+    assert kept_runs(two, "", lambda _: None).lacking(DRAWS) == [*DRAWS]
     looked(two, [replace(DRAWS[0], runs=(1,)), DRAWS[1]])
-    assert Kept(two, "", lambda _: None).lacking(DRAWS) == [DRAWS[0]]
+    assert kept_runs(two, "", lambda _: None).lacking(DRAWS) == [DRAWS[0]]
 
 
 def test_of_a_draw_that_asks_for_some_runs_their_share_is_done() -> None:
     two = Campaign((setting("9 N"), setting("7 N")))
     done: list[float] = []
     simulated = Simulated(two, Here(), time.monotonic() + LATER, done.append)
-    observe = Kept(two, "", lambda _: None).by(simulated)
+    observe = kept_runs(two, "", lambda _: None).by(simulated)
     some = [replace(DRAWS[0], runs=(1,)), DRAWS[1]]
     for count in (1.5, 3.0):  # what is known is done as well
         observe(some)

@@ -115,6 +115,24 @@ def test_a_subject_that_other_processes_cannot_have_is_a_fault() -> None:
     assert "cannot be sent to other processes" in fault
 
 
+@dataclass(frozen=True)
+class Exact(Little):
+    """With more digits than are kept."""
+
+    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+        shown = Little.observe(self, draws)
+        return [tuple(None if one is None else one.astype(np.float64) / 3 for one in each) for each in shown]
+
+    def kept(self, draws: Sequence[Draw]) -> list[Observed]:
+        shown = self.observe(draws)
+        return [tuple(None if one is None else np.float32(one) for one in each) for each in shown]
+
+
+def test_numbers_are_compared_as_exactly_as_they_are_kept() -> None:
+    exact = Exact()
+    assert check(exact, recorded() / 3, exact.kept, 0, 80).faults == ()
+
+
 def test_numbers_that_differ_in_another_process_are_a_fault() -> None:
     sound, other = Little(), Little(block=0.6)
     [fault] = check(sound, recorded(), other.observe).faults
