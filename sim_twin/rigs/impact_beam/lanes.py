@@ -21,6 +21,8 @@ _DECAY_A_STEP = 0.15
 _DAMPING_RATIO = 0.4
 _TYPICAL_FORCE = 30.0
 """N; Hertz's law is judged by its tangent here."""
+_FINER = (1, 2, 4)
+"""Steps from one instant of a grid to the next: a stiff contact takes several, and still the least time."""
 _FORCES = 4
 """Channels before the accelerations: drive, upper, lower, yoke."""
 
@@ -84,14 +86,13 @@ class BeamTruths:
     def __init__(self, twins: Sequence[BeamTwin], phases: Sequence[float], rate: float) -> None:
         self._twins, self._phases, self._rate = twins, phases, rate
         # lanes give no motion of the coil
-        fits = [resolves(twin.rig, rate) and not twin.rig.stinger_gauge for twin in twins]
-        self._on_lanes = [run for run, fit in enumerate(fits) if fit]
-        chosen = [twins[run] for run in self._on_lanes]
-        chosen_phases = [phases[run] for run in self._on_lanes]
-        self._lanes = beam_lanes(chosen, rate, chosen_phases, accelerations=True) if chosen else None
-        self._alone = {
-            run: BeamTruth(twins[run], rate) for run in range(len(twins)) if run not in self._on_lanes
-        }
+        finer = [None if twin.rig.stinger_gauge else _finer(twin.rig, rate) for twin in twins]
+        self._lanes: dict[int, tuple[list[int], Lanes]] = {}
+        for times in sorted({each for each in finer if each is not None}):
+            runs = [run for run, each in enumerate(finer) if each == times]
+            own, starts = [twins[run] for run in runs], [phases[run] for run in runs]
+            self._lanes[times] = runs, beam_lanes(own, times * rate, starts, accelerations=True)
+        self._alone = {run: BeamTruth(twins[run], rate) for run, each in enumerate(finer) if each is None}
         for run, truth in self._alone.items():
             truth.change_drive(twins[run].drive, phases[run], 0.0)
         self._yokes = [resonance(each.rig.yoke_frequency, each.rig.yoke_damping, rate) for each in twins]
@@ -101,22 +102,27 @@ class BeamTruths:
         """Next `steps` of the grid, shape (twins, channels, steps)."""
         first, self._steps = self._steps, self._steps + steps
         rows = np.zeros((len(self._twins), len(self._twins[0].channels), steps))
-        if self._lanes is not None:
-            for run, moved in zip(self._on_lanes, self._lanes.advance(steps), strict=True):
+        for times, (runs, lanes) in self._lanes.items():
+            for run, moved in zip(runs, lanes.advance(times * steps)[:, :, ::times], strict=True):
                 force, accelerations = moved[0], moved[1:]
                 rows[run, 1], rows[run, 2] = np.maximum(force, 0), np.maximum(-force, 0)
                 rows[run, _FORCES : _FORCES + len(accelerations)] = accelerations
-        for run in self._on_lanes:
-            drive = self._twins[run].drive
-            step = 2 * np.pi * drive.frequency / self._rate
-            rows[run, 0] = drive.force_at_steps(self._phases[run], step, first, steps)
-            rows[run, 3] = self._yokes[run](rows[run, 1] - rows[run, 2])
+                drive = self._twins[run].drive
+                step = 2 * np.pi * drive.frequency / self._rate
+                rows[run, 0] = drive.force_at_steps(self._phases[run], step, first, steps)
+                rows[run, 3] = self._yokes[run](rows[run, 1] - rows[run, 2])
         for run, truth in self._alone.items():
             rows[run] = truth.advance(steps)
         return rows
 
     @property
     def statuses(self) -> Sequence[Status]:
-        on_lanes = [] if self._lanes is None else self._lanes.statuses
-        found = dict(zip(self._on_lanes, on_lanes, strict=True))
-        return [found[run] if run in found else self._alone[run].status for run in range(len(self._twins))]
+        found = {run: truth.status for run, truth in self._alone.items()}
+        for runs, lanes in self._lanes.values():
+            found |= zip(runs, lanes.statuses, strict=True)
+        return [found[run] for run in range(len(self._twins))]
+
+
+def _finer(rig: ImpactBeam, rate: float) -> int | None:
+    """How many steps of lanes one of a grid of `rate` Hz is to have; None where no number resolves it."""
+    return next((times for times in _FINER if resolves(rig, times * rate)), None)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from sim_twin.effects import BaseMass
-from sim_twin.rigs.impact_beam.lanes import beam_lanes
+from sim_twin.rigs.impact_beam.lanes import BeamTruths, beam_lanes, resolves
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
+from sim_twin.rigs.impact_beam.truth import BeamTruth
 from sim_twin.twin import Twin
 from tests.sim_twin.reference import Rig, simulate, with_regularised_friction
 from tests.sim_twin.solver import RATE, solve
@@ -99,6 +100,23 @@ def test_first_impacts_are_those_of_the_exact_solver(name: str) -> None:
     # it most (4 %, steel below 1 %); at a quarter of the step a sixteenth is left.
     assert error(name, 1) < (0.05 if name == "aluminium" else 0.02)
     assert error(name, 4) < (0.05 if name == "aluminium" else 0.02) / 14
+
+
+@pytest.mark.parametrize("name", ["contact_stiffness", "hertzian_contact", "friction and Hertz", "aluminium"])
+def test_a_contact_that_is_too_stiff_for_the_grid_is_on_finer_lanes(name: str) -> None:
+    rig, drive = CASES[name]
+    assert not resolves(rig, RATE)
+    twin, steps = Twin(rig, drive), round(0.008 * RATE)
+    truths = BeamTruths([Twin(STEEL, drive), twin], [0.0, 0.0], RATE)
+    assert not truths._alone  # one by one they take three times as long
+    exact = BeamTruth(twin, RATE)
+    exact.change_drive(drive, 0.0, 0.0)
+    expected = exact.advance(steps)
+    found = np.concatenate([truths.advance(part)[1] for part in (1, 500, steps - 501)], axis=1)
+    end = first_contact_ends(expected[1] - expected[2])
+    off = np.sqrt(np.mean((found - expected)[:, :end] ** 2, axis=1))
+    assert np.all(off <= 0.02 * np.sqrt(np.mean(expected[:, :end] ** 2, axis=1)))
+    assert found[1, :end].max() == pytest.approx(expected[1, :end].max(), rel=5e-3)
 
 
 @pytest.mark.parametrize("name", ["clearance", "hertzian_contact", "pivot_friction", "shaker_suspension"])
