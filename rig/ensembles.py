@@ -187,7 +187,9 @@ class Simulated:
     def of(self, subject: Subject, draws: Sequence[Draw]) -> list[Observed]:
         """The same of another subject, which may be some of the runs."""
         share = 1.0 if subject is self._subject else subject.layout.size / self._subject.layout.size
-        pieces = [draws[first : first + _TOGETHER] for first in range(0, len(draws), _TOGETHER)]
+        # As many pieces for every core, and in each of what takes long as much as in the others.
+        count = cores() * -(-len(draws) // (cores() * _TOGETHER))
+        pieces = [draws[k::count] for k in range(min(count, len(draws)))]
         futures = [self._executor.submit(observed, subject, piece) for piece in pieces]
         for future in futures:
             wait([future], timeout=max(0.0, self._deadline - time.monotonic()))
@@ -196,9 +198,10 @@ class Simulated:
             else:
                 self._done += share * len(future.result())
                 self._report(self._done)
-        found: list[Observed] = []
-        for piece, future in zip(pieces, futures, strict=True):
-            found += [() for _ in piece] if future.cancelled() else future.result()
+        found: list[Observed] = [() for _ in draws]
+        for k, future in enumerate(futures):
+            if not future.cancelled():
+                found[k::count] = future.result()
         return found
 
 

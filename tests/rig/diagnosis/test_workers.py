@@ -60,13 +60,18 @@ def shown(observed: Sequence[Observed]) -> list[int | None]:
     return [int(one[0][0, 0]) if one and one[0] is not None else None for one in observed]
 
 
+@pytest.fixture(autouse=True)
+def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ensembles, "cores", lambda: 2)
+
+
 def test_observations_come_in_the_order_of_their_draws() -> None:
     told: list[float] = []
     subject = Numbered()
     simulated = Simulated(subject, Here(), time.monotonic() + LATER, told.append)
     assert shown(simulated(draws(21))) == list(range(21))
-    assert told == [8, 16, 21]
-    assert subject.pieces == [8, 8, 5]
+    assert told == [6, 11, 16, 21]
+    assert subject.pieces == [6, 5, 5, 5]  # as many for each core
     assert not simulated.cut_short
 
 
@@ -75,14 +80,14 @@ def test_progress_goes_on_over_several_rounds() -> None:
     simulated = Simulated(Numbered(), Here(), time.monotonic() + LATER, told.append)
     simulated(draws(8))
     simulated(draws(4))
-    assert told == [8, 12]
+    assert told == [4, 8, 10, 12]
     assert simulated([]) == []
 
 
 def test_what_the_deadline_stopped_is_empty_and_said() -> None:
     executor = Here(able=1)
     simulated = Simulated(Numbered(), executor, time.monotonic(), lambda _: None)
-    assert shown(simulated(draws(20))) == [*range(8), *[None] * 12]
+    assert shown(simulated(draws(20))) == [seed if seed % 4 == 0 else None for seed in range(20)]
     assert simulated.cut_short
     assert all(future.cancelled() for future in executor.submitted[1:])
 
