@@ -198,5 +198,5 @@ def test_what_an_effect_puts_in_may_be_declared_and_is_then_no_effect(
     assert plain == kind.parameters()
     found = plain.model.effects[effect]
     assert declared == found.apply(Twin(plain, None), values).rig
-    with pytest.raises(ValueError, match="does not exist on this rig .* already"):
+    with pytest.raises(ValueError, match=r"does not exist on this rig .* already"):
         found.apply(Twin(declared, None), values)
