@@ -328,7 +328,7 @@ def _least(told_mb: Sequence[tuple[float, float]]) -> tuple[NDArray[np.float64],
     whole = int((max(at_s, default=0.0) + 2 * EVERY_S) / _STALLS_EVERY_S)
     number = at_s // _STALLS_EVERY_S
     least = [mb[number == k].min(initial=math.inf) for k in range(whole)]
-    return np.arange(whole) * _STALLS_EVERY_S / 3600.0, np.array(least)
+    return np.arange(whole, dtype=np.float64) * _STALLS_EVERY_S / 3600.0, np.array(least)
 
 
 def _beside(topic: str) -> float:

@@ -123,10 +123,10 @@ def _smallest(run: RunRecord, origin: Origin) -> Iterator[tuple[str, float]]:
             yield name, smallest_peak(_size(name, trace.values), shaft)
     elif drive is not None and drive.cycle_hz is not None:
         for name in watched:
-            if (trace := run.traces.get((origin, name))) is not None:
-                at_s = trace.begins_s + np.arange(len(trace.values)) / trace.sample_rate
+            if (own := run.traces.get((origin, name))) is not None:
+                at_s = own.begins_s + np.arange(len(own.values)) / own.sample_rate
                 turns = drive.phase_rad / tau + drive.cycle_hz * at_s
-                yield name, smallest_peak(_size(name, trace.values), turns)
+                yield name, smallest_peak(_size(name, own.values), turns)
 
 
 def _size(name: str, values: Array) -> Array:
