@@ -61,7 +61,8 @@ class OwnRequest:
     """What is asked: `subject` is a Python file, or a name of `rattle.subjects`; `runs` are what it measured.
 
     `seeds` are as many as are asked, from `seed` on; `rigs` are simulated for each, None where the number of
-    causes says how many, `effort` times as many in all. None is begun after `budget_s`, where that is given.
+    causes says how many, `effort` times as many in all. After `budget_s`, where that is given, none is
+    begun, but for the check, which comes first.
     """
 
     subject: str
@@ -110,7 +111,8 @@ def diagnose_own(request: OwnRequest, out: Path, screen: Screen) -> tuple[Findin
     for remark in told:
         screen.warn(remark)
     alike = [f"with {len(each)} seeds"] if len(each) > 1 and not _seeds(each, findings) else []
-    alike += ["with narrower and wider healthy rigs"] if widths and not _widths(widths, findings) else []
+    tried = len(widths) == len(_WIDTHS)
+    alike += ["with narrower and wider healthy rigs"] if tried and not _widths(widths, findings) else []
     if alike:
         screen.say(f"the same {' and '.join(alike)}")
     remarks = [*answers.checked.remarks, *told]
@@ -167,17 +169,17 @@ def _answers(request: OwnRequest, rig: ReadRig, began: float, screen: Screen) ->
         looked = Simulated(subject, workers, began + _NO_DEADLINE, lambda _: None)
         with screen.busy("checking the subject", Work(f"check {name} on {cores()}", rigs)):
             checked = check(
-                subject, rig.measured, lambda draws: usual().by(looked)(draws), request.seed, rigs
+                subject, rig.measured, lambda draws: usual().by(looked)(draws), request.seed, rigs, looked
             )
         _tell(request.subject, checked, screen)
         total = len(seeds) * effort.most
         work = Work(f"{name} {'again ' if usual().some else ''}on {cores()}", total)
         with screen.bar("simulating", total, "rigs", work, longest_s=request.budget_s) as bar:
-            by_seed = _in_time(seeds, asked(subject, usual(), bar), latest)
-        if not by_seed:
-            raise RattleError(f"{request.budget_s:g} s are too few for an answer: give it a larger --budget")
+            first, *others = seeds
+            ask = asked(subject, usual(), bar)
+            by_seed = {first: ask(first), **_in_time(others, ask, latest)}
         by_width = _in_time(widths, at_width, latest)
-    lacking = _lacking(by_seed, by_width, len(seeds), len(widths))
+    lacking = _lacking(by_seed, by_width, len(seeds), widths)
     return _Answers(subject, checked, rigs, by_seed, by_width, lacking)
 
 
@@ -197,16 +199,17 @@ def _in_time(
 
 
 def _lacking(
-    by_seed: Mapping[int, Findings], by_width: Mapping[float, Findings], seeds: int, widths: int
+    by_seed: Mapping[int, Findings], by_width: Mapping[float, Findings], seeds: int, widths: Iterable[float]
 ) -> list[str]:
     """Remarks where there was no time for all of some seeds and widths."""
-    found = [*by_seed.values(), *by_width.values()]
-    searched, judging = (min(getattr(one, share) for one in found) for share in ("searched", "judging"))
+    shares = ("searched", "judging")
+    searched, judging = (min(getattr(one, share) for one in by_seed.values()) for share in shares)
     told = [of_cut_short(searched, judging)] if min(searched, judging) < 1.0 else []
     if len(by_seed) < seeds:
         told.append(f"there was time for {len(by_seed)} of {seeds} seeds")
-    if len(by_width) < widths:
-        told.append("there was no time to see how the answer hangs on the width of healthy rigs")
+    whole = {times for times, one in by_width.items() if min(one.searched, one.judging) == 1.0}
+    if lacking := [f"{times:g}" for times in widths if times not in whole]:
+        told.append(f"no time was left for all of it with healthy rigs {' and '.join(lacking)} times as wide")
     return told
 
 

@@ -8,6 +8,7 @@ import sys
 import sysconfig
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -26,6 +27,7 @@ from sim_twin.diagnosis.check import first_draws
 from sim_twin.own_rig import Blocks, Columns, OwnRig, Subject
 
 _RATTLE: Final = {"daq", "drivers", "rattle", "rig", "sim_twin", "__main__"}
+_INSTALLED: Final = {"site-packages", "dist-packages"}
 _BROUGHT: Final = set[str]()
 """Modules that came with a rig: before the next one they are forgotten, as their files may have changed."""
 
@@ -47,7 +49,8 @@ class ReadRig:
         for package in _packages(self.subject):
             digest.update(sources_of(package).encode())
         for file in sorted(_own_modules().values()):
-            digest.update(Path(file).read_bytes())
+            with suppress(OSError):  # one of an archive, or that is gone, has to show what it does
+                digest.update(Path(file).read_bytes())
         for blocks in chain.from_iterable(self.subject.observe(first_draws(self.subject, 0))):
             digest.update(b"failed" if blocks is None else np.asarray(blocks, np.float32).tobytes())
         return sources_of(sim_twin.__file__)[:32] + digest.hexdigest()[:32]
@@ -125,7 +128,7 @@ def _own_modules() -> Mapping[str, str]:
 
 
 def _is_own(file: str) -> bool:
-    return "-packages" not in file and not file.startswith(sysconfig.get_path("stdlib"))
+    return not _INSTALLED & {*Path(file).parts} and not file.startswith(sysconfig.get_path("stdlib"))
 
 
 def _packages(subject: Subject) -> Iterator[str]:
@@ -134,7 +137,7 @@ def _packages(subject: Subject) -> Iterator[str]:
     named.load()
     for package in sorted({name.partition(".")[0] for name in named.modules} - _RATTLE):
         file = getattr(sys.modules[package], "__file__", None)
-        if isinstance(file, str) and "-packages" in file:
+        if isinstance(file, str) and _INSTALLED & {*Path(file).parts}:
             yield file
 
 

@@ -127,7 +127,9 @@ def diagnosed(
         else:
             for run in runs:
                 refuse_other_than_log(run)
-            _, files = diagnose_runs(runs, fitted, folder, seed, budget or BUDGET_S, screen)
+            _, files = diagnose_runs(
+                runs, fitted, folder, seed, BUDGET_S if budget is None else budget, screen
+            )
     document, selected = (
         json.loads(files[name].read_text(encoding="utf-8")) for name in ("diagnosis", "effects")
     )

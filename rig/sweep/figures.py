@@ -7,7 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from math import nan, tau
+from math import nan
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.log.reader import Origin
-from rig.derived.settings import RECORD, from_record, rings_s, role_of
+from rig.derived.settings import rings_s, role_of
 from rig.files.scenario import Scenario
 from rig.report.crank_figures import beside_turns, turns_of
 from rig.report.record import RunRecord, read_run
@@ -109,24 +109,20 @@ def _impacts(run: RunRecord, scenario: Scenario) -> dict[str, float]:
     return found
 
 
+def impacts_in(channel: str) -> bool:
+    """Whether impacts are what a channel shows."""
+    return role_of(channel) in (Role.CONTACT, Role.VIBRATION)
+
+
 def _smallest(run: RunRecord, origin: Origin) -> Iterator[tuple[str, float]]:
-    """Each channel with impacts and its `smallest_peak`, in its unit.
+    """Each channel of a crank with impacts and its `smallest_peak`, in its unit.
 
     None where nothing tells the angle, nor of a record that is longer than what is kept of its samples.
     """
-    watched = [name for name in run.channels if role_of(name) in (Role.CONTACT, Role.VIBRATION)]
-    if run.kept_s is not None:
-        return
-    shaft, drive = turns_of(run, origin), from_record(run.metadata.get(RECORD, {})).get(origin)
-    if shaft is not None:
-        for name, trace in beside_turns(run, origin, watched).items():
-            yield name, smallest_peak(_size(name, trace.values), shaft)
-    elif drive is not None and drive.cycle_hz is not None:
-        for name in watched:
-            if (own := run.traces.get((origin, name))) is not None:
-                at_s = own.begins_s + np.arange(len(own.values)) / own.sample_rate
-                turns = drive.phase_rad / tau + drive.cycle_hz * at_s
-                yield name, smallest_peak(_size(name, own.values), turns)
+    turns = turns_of(run, origin)
+    if turns is not None and run.kept_s is None:
+        for name, trace in beside_turns(run, origin, list(filter(impacts_in, run.channels))).items():
+            yield name, smallest_peak(_size(name, trace.values), turns)
 
 
 def _size(name: str, values: Array) -> Array:

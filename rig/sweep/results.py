@@ -37,6 +37,7 @@ from rig.sweep.figures import (
     WHOSE,
     channels_with,
     figure_of,
+    impacts_in,
 )
 from rig.sweep.state import PointState, SweepState
 
@@ -120,8 +121,8 @@ def _impact_peaks(sweep: Sweep) -> list[Cell]:
     return [Cell(f"{what}, {unit}", (curve,)) for what, curve in _IMPACT_PEAKS]
 
 
-def _peaks_at_one_angle(channel: str, unit: str) -> Cell:
-    """The two lines of the source's figure 17 (Deck and Dubowsky), section 4D."""
+def _peaks(channel: str, unit: str) -> Cell:
+    """The two lines of the source's figure 17 (Deck and Dubowsky), section 4D; of a beam the upper alone."""
     factor, written = as_written(unit)
     largest, smallest = (figure_of(channel, what, unit) for what in (LARGEST, SMALLEST))
     return Cell(f"{channel} peaks, {written}", (Curve(largest), Curve(smallest, dash="dash")), factor)
@@ -174,11 +175,10 @@ def write_page(folder: Path, sweep: Sweep, state: SweepState) -> Path:
 
 def _channel_cells(names: Iterable[str]) -> Iterator[Cell]:
     """Of each channel what there are figures of."""
-    for channel, unit in channels_with(SMALLEST, names).items():
-        yield _peaks_at_one_angle(channel, unit)
-    for channel, unit in channels_with(RMS, names).items():
-        if has_figures(channel):
-            yield _rms(channel, unit)
+    for what, cell in ((LARGEST, _peaks), (RMS, _rms)):
+        for channel, unit in channels_with(what, names).items():
+            if has_figures(channel):
+                yield cell(channel, unit)
 
 
 def rows_of(sweep: Sweep, state: SweepState) -> Iterator[list[str]]:
@@ -250,10 +250,10 @@ def swept_so_far(sweep: Sweep, state: SweepState, point: Point) -> Swept | None:
     def largest(told: tuple[str, str]) -> float:
         return max(each.get(figure_of(told[0], LARGEST, told[1]), 0.0) for each in figures)
 
-    cells, seen = _impact_peaks(sweep), channels_with(SMALLEST, itertools.chain(*figures)).items()
-    if seen:
+    cells, shown = _impact_peaks(sweep), channels_with(LARGEST, itertools.chain(*figures)).items()
+    if seen := [each for each in shown if impacts_in(each[0])]:
         strongest = max(seen, key=largest)
-        cells += [_peaks_at_one_angle(*strongest), _rms(*strongest)]
+        cells += [_peaks(*strongest), _rms(*strongest)]
     ends = f"{low:g} {unit}".rstrip(), f"{high:g} {unit}".rstrip()
     return Swept(
         swept.key,
@@ -268,10 +268,11 @@ def swept_so_far(sweep: Sweep, state: SweepState, point: Point) -> Swept | None:
 
 def _point(figures: Mapping[str, float], cell: Cell, whose: str) -> tuple[float, ...] | None:
     """The ends of a bar over all of a cell with its scatter, then what is marked on it."""
-    if any(whose + curve.figure not in figures for curve in cell.curves):
+    curves = [curve for curve in cell.curves if whose + curve.figure in figures]
+    if not curves:
         return None
-    marks = [cell.factor * figures[whose + curve.figure] for curve in cell.curves]
-    reach = [cell.factor * figures.get(whose + curve.scatter, 0.0) for curve in cell.curves]
+    marks = [cell.factor * figures[whose + curve.figure] for curve in curves]
+    reach = [cell.factor * figures.get(whose + curve.scatter, 0.0) for curve in curves]
     low = min(mark - each for mark, each in zip(marks, reach, strict=True))
     high = max(mark + each for mark, each in zip(marks, reach, strict=True))
     return low, high, *marks
@@ -317,8 +318,8 @@ def _figure(
         drawn = [curve for cell in cells for curve in cell.curves]
         if any(curve.scatter in each for curve in drawn for each in figures):
             remarks[_BARS] = None
-    if any(curve.dash != "solid" for cell in cells for curve in cell.curves):
-        remarks[_DASHED] = None
+        if any(curve.dash != "solid" and curve.figure in each for curve in drawn for each in figures):
+            remarks[_DASHED] = None
     return grid.figure(name, " ".join(remarks))
 
 

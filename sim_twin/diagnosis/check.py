@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.cause import Cause, Hypothesis, drawn, named
 from sim_twin.diagnosis.library import Library, Order, order_of
+from sim_twin.diagnosis.screening import numbers_of
 from sim_twin.diagnosis.search import Search, believed
-from sim_twin.diagnosis.subject import Draw, Execute, Observed, Subject
+from sim_twin.diagnosis.subject import Draw, Execute, Observed, OfRuns, Subject
 
 Array = NDArray[np.float64]
 Blocks = NDArray[np.float32]
@@ -50,13 +51,21 @@ class Check:
     found_again: Mapping[str, tuple[int, int, str]] = field(default_factory=dict)
 
 
-def check(subject: Subject, measured: Blocks, execute: Execute, seed: int = 0, motions: int = 240) -> Check:
+def check(
+    subject: Subject,
+    measured: Blocks,
+    execute: Execute,
+    seed: int = 0,
+    motions: int = 240,
+    elsewhere: Execute | None = None,
+) -> Check:
     """Try a subject and its `measured` fingerprints (blocks, numbers), by so many simulated rigs at least.
 
-    `execute` has it observe draws, as a diagnosis would: other processes must see what this one does.
+    `execute` has it observe draws, as a diagnosis would: other processes must see what this one does, by
+    `elsewhere`, which keeps nothing, where that is given.
     """
-    for look in (_said, _same_draws, _same_elsewhere):
-        if faults := tuple(look(subject, measured, execute, seed)):
+    for look in (_said, _same_draws, _same_by_runs, _same_elsewhere):
+        if faults := tuple(look(subject, measured, elsewhere or execute, seed)):
             return Check(faults)
     healthy = _observed([Draw((), seed + k, blocks=_blocks(measured)) for k in range(_HEALTHY)], execute)
     if len(healthy) < _HEALTHY // 2:
@@ -139,6 +148,23 @@ def _same_draws(subject: Subject, measured: Blocks, _: Execute, seed: int) -> It
         yield _RANDOM
     elif first[0][0] is not None and _alike(first[0], first[1]):
         yield "every healthy rig is the same: draw.seed is not used"
+
+
+def _same_by_runs(subject: Subject, measured: Blocks, _: Execute, seed: int) -> Iterator[str]:
+    """Of one that is simulated run by run: the runs stand in order, and each shows what it does among all."""
+    runs = [cell.run for cell in subject.layout.cells]
+    if not isinstance(subject, OfRuns) or len(set(runs)) < 2:
+        return
+    if runs != sorted(runs):
+        yield "`only` simulates some of its runs: its cells have to stand run after run"
+        return
+    draw = Draw((), seed)
+    [(whole,)] = subject.observe([draw])
+    for run in sorted(set(runs)):
+        [(alone,)] = subject.only((run,)).observe([draw])
+        expected = None if whole is None else whole[:, numbers_of(subject.layout, [run])]
+        if not _alike((alone,), (expected,)):
+            yield f"only(({run},)) shows of a draw something else than that run does among all"
 
 
 def _same_elsewhere(subject: Subject, measured: Blocks, execute: Execute, seed: int) -> Iterator[str]:

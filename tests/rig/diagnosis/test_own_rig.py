@@ -36,11 +36,12 @@ def test_a_simulation_that_fails_earlier_is_a_fault() -> None:
     [
         ({0: WHOLE, 1: WHOLE}, {2.0: WHOLE}, []),
         ({0: WHOLE}, {2.0: WHOLE}, ["there was time for 1 of 2 seeds"]),
-        ({0: WHOLE, 1: CUT}, {}, ["62 % of the search was done", "no time to see how the answer hangs on"]),
+        ({0: WHOLE, 1: CUT}, {}, ["62 % of the search was done", "with healthy rigs 2 times as wide"]),
+        ({0: WHOLE, 1: WHOLE}, {2.0: CUT}, ["no time was left for all of it with healthy rigs 2 times"]),
     ],
-    ids=["all", "a seed", "a part"],
+    ids=["all", "a seed", "a part", "a width"],
 )
 def test_what_lacks_is_told(by_seed: dict[int, Any], by_width: dict[float, Any], words: list[str]) -> None:
-    told = _lacking(by_seed, by_width, 2, 1)
+    told = _lacking(by_seed, by_width, 2, [2.0])
     assert len(told) == len(words)
     assert all(each in one for each, one in zip(words, told, strict=True)), told

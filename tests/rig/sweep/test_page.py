@@ -33,7 +33,6 @@ from rig.sweep.figures import (
     PREDICTED,
     RMS,
     SMALLEST,
-    WHOSE,
     figure_of,
     outcome_of,
     smallest_peak,
@@ -44,7 +43,7 @@ from tests.rig.browser import faults_of_report, needs_chromium
 from tests.rig.derived.turning import BLOW_N
 from tests.rig.report import crank_run
 from tests.rig.sweep.swept import parsed
-from tests.rig.synthetic_run import CHANNELS, PEAK_N, START_NS, blocks, write_log
+from tests.rig.synthetic_run import CHANNELS, START_NS, blocks
 
 FREQUENCIES = '"drive.frequency" = ["9 Hz", "10 Hz", "11 Hz"]'
 THERE_AND_BACK = 'up_and_down = ["drive.frequency"]'
@@ -340,14 +339,3 @@ def test_a_crank_comes_to_the_smallest_peak_and_the_rms_of_its_blows_measured_an
         told = [figures[f"{whose}slider.force_3 {what} [N]"] for what in (SMALLEST, LARGEST, RMS)]
         rms = np.sqrt(np.sum(blows**2) * 1e-3 / 2 / 6.0)
         assert told == pytest.approx([blows[1:20].min(), blows.max(), rms], rel=5e-3)
-
-
-def test_a_beam_has_its_smallest_peak_by_the_cycles_of_its_drive(tmp_path: Path) -> None:
-    scenario = parsed().points[1].scenario
-    figures = figures_of(write_log(tmp_path / "run.mcap", 2.0, scenario=scenario.text), scenario)
-    for origin, whose in WHOSE:
-        # all cycles are alike but for noise of 0.02 N
-        assert figures[f"{whose}{UPPER} smallest peak at its angle [N]"] == pytest.approx(
-            PEAK_N[origin], abs=0.1
-        )
-        assert figures[f"{whose}{UPPER} peak [N]"] == pytest.approx(PEAK_N[origin], abs=0.1)

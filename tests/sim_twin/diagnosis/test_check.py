@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.check import Check, check
 from sim_twin.diagnosis.fingerprint import Cell, Layout
-from sim_twin.diagnosis.subject import Draw, Named, Observed
+from sim_twin.diagnosis.subject import Draw, Named, Observed, Subject
 from sim_twin.effects import Parameter
 
 Blocks = NDArray[np.float32]
@@ -131,6 +131,49 @@ class Exact(Little):
 def test_numbers_are_compared_as_exactly_as_they_are_kept() -> None:
     exact = Exact()
     assert check(exact, recorded() / 3, exact.kept, 0, 80).faults == ()
+
+
+class Apart(Little):
+    """Two runs, a channel each, that are simulated one by one."""
+
+    @property
+    def layout(self) -> Layout:
+        cells = [
+            Cell(int(cell.channel == "torque"), cell.channel, cell.what, cell.size)
+            for cell in Little().layout.cells
+        ]
+        return Layout(tuple(cells[::-1] if self.wrong == "order" else cells))
+
+    def only(self, numbers: tuple[int, ...]) -> Subject:
+        return One(run=numbers[0] ^ (self.wrong == "the other"))
+
+
+@dataclass(frozen=True)
+class One(Little):
+    """One of its runs."""
+
+    run: int = 0
+
+    def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+        columns = slice(4, None) if self.run else slice(4)
+        return [
+            tuple(one if one is None else one[:, columns] for one in each) for each in Little().observe(draws)
+        ]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ("order", ["its cells have to stand run after run"]),
+        ("the other", ["only((0,)) shows", "only((1,)) shows"]),
+        ("", []),
+    ],
+)
+def test_runs_that_are_simulated_one_by_one_show_what_they_do_among_all(wrong: str, words: list[str]) -> None:
+    subject = Apart(wrong=wrong)
+    faults = check(subject, recorded(), subject.observe, 0, 80).faults
+    assert len(faults) == len(words)
+    assert all(each in fault for each, fault in zip(words, faults, strict=True))
 
 
 def test_numbers_that_differ_in_another_process_are_a_fault() -> None:
