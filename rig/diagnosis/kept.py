@@ -56,7 +56,7 @@ def kept_arrays(file: Path) -> dict[str, NDArray[Any]] | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class Part:
     """What one file of the cache holds the simulations of: one run, or all of a rig that has none.
 
     `told` is all that they follow from beside the program, of which `version` makes a digest. They are `size`
@@ -71,23 +71,23 @@ class Setting:
 class Kept:
     """What is kept of a subject: by the number of each run, if it simulates them apart; else as its only one.
 
-    `tell` hears of a cache that is not used. `told` is what a draw follows from beside its setting.
+    `tell` hears of a cache that is not used. `told` is what a draw follows from beside its part.
     """
 
     def __init__(
         self,
         subject: Subject,
-        settings: Mapping[int, Setting],
+        parts: Mapping[int, Part],
         tell: Callable[[str], None],
         told: Callable[[Draw], tuple[object, ...]] = lambda _: (),
     ) -> None:
         self._subject, self._told = subject, told
-        self._sizes = {number: each.size for number, each in settings.items()}
+        self._sizes = {number: each.size for number, each in parts.items()}
         folder = cache_folder() / "simulated"
         _bounded(folder)
         self._files = {
             number: _KeptRuns(folder / f"{digest_of(*each.told).hex()}.kept", each.version, tell)
-            for number, each in settings.items()
+            for number, each in parts.items()
         }
         self.some = any(file.known for file in self._files.values())
         """Whether anything was known before."""
@@ -139,8 +139,8 @@ class Kept:
 
 def kept_runs(campaign: Campaign, model: str, tell: Callable[[str], None]) -> Kept:
     """What is kept of the runs of a campaign, under the text of a calibration's `model`."""
-    settings = {
-        number: Setting(
+    parts = {
+        number: Part(
             (number, *setting_told(run), model),
             partial(version_of, run),
             Layout(run.columns.cells(number)).size,
@@ -152,19 +152,19 @@ def kept_runs(campaign: Campaign, model: str, tell: Callable[[str], None]) -> Ke
         """What its values are changed from, where it has any."""
         return (campaign.given,) if isinstance(campaign, WithValues) and campaign.has_values(draw) else ()
 
-    return Kept(campaign, settings, tell, told)
+    return Kept(campaign, parts, tell, told)
 
 
 def kept_rig(subject: Subject, version: Callable[[], str], tell: Callable[[str], None]) -> Kept:
     """What is kept of somebody's own rig, by what other processes get of it."""
-    parts = {0: subject}
+    apart = {0: subject}
     if isinstance(subject, OfRuns):
-        parts = {run: subject.only((run,)) for run in sorted({cell.run for cell in subject.layout.cells})}
-    settings = {
-        run: Setting((hashlib.sha256(pickle.dumps(part)).hexdigest(),), version, part.layout.size)
-        for run, part in parts.items()
+        apart = {run: subject.only((run,)) for run in sorted({cell.run for cell in subject.layout.cells})}
+    parts = {
+        run: Part((hashlib.sha256(pickle.dumps(one)).hexdigest(),), version, one.layout.size)
+        for run, one in apart.items()
     }
-    return Kept(subject, settings, tell)
+    return Kept(subject, parts, tell)
 
 
 def _apart(shown: Observed, sizes: Sequence[int]) -> list[Observed]:
