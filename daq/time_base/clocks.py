@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from copy import deepcopy
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,9 +49,10 @@ class _Fitted:
             if not at_last and self.last[1] < self._due_s:
                 return False
             self._due_s = max(_FIT_AGAIN * self.last[1], self._due_s + _FIRST_FIT_S)  # thirty fits in an hour
-            model = self._fit.model()
-            self.model = model or self.model
-            return model is not None
+            pairs = deepcopy(self._fit)
+        model = pairs.model()  # pairs that come meanwhile do not wait for it: a limit would be seen so late
+        self.model = model or self.model
+        return model is not None
 
 
 class CardClock:

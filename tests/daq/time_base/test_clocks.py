@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
 from daq.block import NS_PER_S
 from daq.log.records import ClockRecord
 from daq.time_base.clocks import CardClock, DeviceClock
+from daq.time_base.fit import ClockFit
+from daq.time_base.model import ClockModel
 from tests.rig.session.shafts import SteppedClock
 
 RATE, BLOCK_S = 25_600.0, 0.1
@@ -129,6 +133,22 @@ def test_news_come_ever_more_rarely() -> None:
         lab.base.arrived(round(number * BLOCK_S * RATE), lab.clock.now_s)
         fits += len(lab.base.refit())
     assert 3 < fits < 30  # each takes tens of milliseconds; 120 s by steps of 30 %
+
+
+def test_a_block_does_not_wait_for_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    lab, fit, waited = Lab(0.0), ClockFit.model, list[bool]()
+    lab.run(20.0)
+
+    def while_a_block_comes(self: ClockFit) -> ClockModel | None:
+        block = threading.Thread(target=lab.base.arrived, args=(round(20.1 * RATE), lab.clock.now_s + 0.1))
+        block.start()
+        block.join(timeout=1.0)
+        waited.append(block.is_alive())
+        return fit(self)
+
+    monkeypatch.setattr(ClockFit, "model", while_a_block_comes)
+    assert lab.base.refit(at_last=True)
+    assert waited == [False]
 
 
 def test_a_step_of_the_encoders_clock_is_told_once() -> None:
