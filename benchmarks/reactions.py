@@ -1,4 +1,4 @@
-"""How soon a drive is safe: runs with a generator and with a motor that end badly, over and over.
+"""How soon a drive is safe: runs with a generator, a motor or a supply that end badly, over and over.
 
 `limit`: what is measured passes a limit while the terminal has stopped; from that sample to the off.
 `killed`, `frozen`: SIGKILL and SIGSTOP; a third as the drive comes on, a third on the way up, a third while
@@ -14,9 +14,9 @@ nothing of that: it is counted and tried again, one in twenty at most.
 
 Returns 1 if the worst but one in a hundred misses its bar, if one is not safe at all, or a sample is lost.
 The motor's inverter watches for 0.5 s (Pr.122); it is off once run is withdrawn, whereupon it ramps down
-(Pr.250).
+(Pr.250). A DC supply that turns the motor instead (`supply`) watches for 2 s, by which none of this is safe.
 
-Usage: python -m benchmarks.reactions [ways] [--tries N] [--seed N]
+Usage: python -m benchmarks.reactions [ways] [--drives NAME ...] [--tries N] [--seed N]
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ _WATCHDOG_S = 0.5
 _PATIENCE_S = 60.0
 _TOO_LONG_S = 5.0
 _PTRACE_SEIZE, _PTRACE_INTERRUPT = 0x4206, 0x4207
-_ACTUATORS = ("generator", "inverter")
+_ACTUATORS = ("generator", "inverter", "supply")
 _ANY_THREAD = 0x40000000  # __WALL
 _GUARDS = ("main", "acquisition", "guard", "encoder", "inverter")
 """Threads that guard or drive."""
@@ -169,7 +169,7 @@ def _listened(stack: ExitStack, file: Path, address: str, off: Callable[[bytes],
     return line.told_off_ns
 
 
-def _generator_off(said: bytes) -> bool:
+def _source_off(said: bytes) -> bool:
     return f"{OUTPUT_OFF.command} {OUTPUT_OFF.word}".encode() in said
 
 
@@ -192,7 +192,7 @@ def _generator(folder: Path, listening: bool) -> Iterator[Bench]:
         ExitStack() as stack,
     ):
         file = write_bench(folder / "bench.toml", made.address, card.address)
-        told = _listened(stack, file, made.address, _generator_off) if listening else ()
+        told = _listened(stack, file, made.address, _source_off) if listening else ()
 
         def heard() -> list[tuple[int, bool]]:
             return [(at, each.on) for at, each in zip(spy.heard_ns, spy.heard, strict=False)]
@@ -201,13 +201,13 @@ def _generator(folder: Path, listening: bool) -> Iterator[Bench]:
 
 
 @contextmanager
-def _motor(folder: Path, listening: bool) -> Iterator[Bench]:
-    struck = "crank_frame.acceleration_y"
+def _motor(folder: Path, listening: bool, by_supply: bool = False) -> Iterator[Bench]:
+    struck, is_off = "crank_frame.acceleration_y", _source_off if by_supply else _inverter_off
     with (
-        spied_crank(folder, struck=folder / "struck", watchdog_s=_WATCHDOG_S) as crank,
+        spied_crank(folder, struck=folder / "struck", watchdog_s=_WATCHDOG_S, by_supply=by_supply) as crank,
         ExitStack() as stack,
     ):
-        told = _listened(stack, crank.file, crank.inverter.address, _inverter_off) if listening else ()
+        told = _listened(stack, crank.file, crank.actuator.address, is_off) if listening else ()
         with crank.scenario.open("a") as file:
             file.write(_LIMIT.format(channel=struck, level="100 m/s^2"))
         with crank.file.open("a") as file:
@@ -220,11 +220,12 @@ def _motor(folder: Path, listening: bool) -> Iterator[Bench]:
             outputs = zip(crank.spy.heard_ns, crank.spy.heard, strict=False)
             return [(at, each.on and each.target > 0.0) for at, each in outputs]
 
-        made = {"card": crank.card, "inverter": crank.inverter, "encoder": crank.encoder}
+        name = "supply" if by_supply else "inverter"
+        made = {"card": crank.card, name: crank.actuator, "encoder": crank.encoder}
         yield Bench(crank.scenario, crank.file, made, struck, heard, told)
 
 
-RIGS = {"generator": _generator, "motor": _motor}
+DRIVES = {"generator": _generator, "motor": _motor, "supply": partial(_motor, by_supply=True)}
 
 
 class EndedBefore(RuntimeError):
@@ -414,14 +415,14 @@ BARS = {"limit": 0.15, "noticed": 1.0, "safe after": 0.2, "told off after": 0.2,
 MOST_BEFORE = 1 / 20
 
 
-def once(rig: str, way: str, rng: Random) -> dict[str, float]:
+def once(drive: str, way: str, rng: Random) -> dict[str, float]:
     """Seconds of one try, or how many were lost, by what they are."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         if way == "viewer":
             os.environ[TRUTH_FOLDER] = str(folder)
             stack.callback(os.environ.pop, TRUTH_FOLDER)
-        bench = stack.enter_context(RIGS[rig](folder, way == "lost"))
+        bench = stack.enter_context(DRIVES[drive](folder, way == "lost"))
         terminal = Terminal(bench, folder, *(["--live"] if way == "viewer" else []))
         stack.callback(terminal.close)
         if way == "viewer":
@@ -436,16 +437,18 @@ def once(rig: str, way: str, rng: Random) -> dict[str, float]:
         return WAYS[way](bench, terminal, folder, rng)
 
 
-def tries_of(rig: str, way: str, tries: int, rng: Random, beside: int) -> tuple[dict[str, list[float]], int]:
+def tries_of(
+    drive: str, way: str, tries: int, rng: Random, beside: int
+) -> tuple[dict[str, list[float]], int]:
     """Of so many tries that came so far: seconds by what they are; and how many ended before and did not."""
     found: dict[str, list[float]] = {}
     before, most = 0, max(1.0, MOST_BEFORE * tries)
 
     def one(seed: float) -> dict[str, float] | None:
         try:
-            return once(rig, way, Random(seed))  # noqa: S311
+            return once(drive, way, Random(seed))  # noqa: S311
         except EndedBefore as error:
-            print(f"{rig} {way}: ended before: {str(error).strip().splitlines()[-1:]}", flush=True)
+            print(f"{drive} {way}: ended before: {str(error).strip().splitlines()[-1:]}", flush=True)
             return None
 
     with ThreadPoolExecutor(beside) as pool:
@@ -472,6 +475,7 @@ def held(all_s: Sequence[float], bar_s: float) -> bool:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("ways", nargs="*", default=list(WAYS), metavar="way", help=", ".join(WAYS))
+    parser.add_argument("--drives", nargs="+", choices=DRIVES, default=["generator", "motor"])
     parser.add_argument("--tries", type=int, default=0, help="of each; 100, and 200 of `limit`, if not said")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
@@ -480,17 +484,17 @@ def main() -> int:
     arguments = parser.parse_args()
     rng, met = Random(arguments.seed), True  # noqa: S311
     for way in arguments.ways:
-        for rig in RIGS:
+        for drive in arguments.drives:
             tries = arguments.tries or (200 if way == "limit" else 100)
-            found, before = tries_of(rig, way, tries, rng, 1 if way == "viewer" else arguments.beside)
+            found, before = tries_of(drive, way, tries, rng, 1 if way == "viewer" else arguments.beside)
             if before:
-                print(f"{rig:9} {way}: {before} more ended before they were to, and were tried again")
+                print(f"{drive:9} {way}: {before} more ended before they were to, and were tried again")
             for what, all_s in sorted(found.items()):
                 bar_s = BARS.get(what.split(": ")[-1], 1.0)
                 p99_s = _of_99(all_s)
                 met &= held(all_s, bar_s)
                 print(
-                    f"{rig:9} {what:36} {len(all_s):4} tries: median {np.median(all_s):.3f}, "
+                    f"{drive:9} {what:36} {len(all_s):4} tries: median {np.median(all_s):.3f}, "
                     f"99 % within {p99_s:.3f} (bar {bar_s:g}), worst {max(all_s):.3f}",
                     flush=True,
                 )

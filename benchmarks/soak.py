@@ -51,6 +51,7 @@ _WATCHDOG = (
     "then)"
 )
 _LOAD = ("benchmarks.recording_load", "--crank", "--channels", "64", "--stall", "10", "--neighbour")
+_SUPPLY = ("benchmarks.reactions", "limit", "killed", "frozen", "thread", "lost", "--drives", "supply")
 _FAILING_CALLS = ("pytest", "--no-header", "tests/daq/test_disk.py")
 ALL = {
     "crash images": Promise(
@@ -99,6 +100,13 @@ ALL = {
         "after; where it is what drives, by its own watchdog, and a generator by hand.",
         ("benchmarks.reactions", "lost", "--beside", "2"),
         ("benchmarks.reactions", "lost", "--tries", "1"),
+    ),
+    "supply": Promise(
+        "With a DC supply that turns a motor the same: a limit within 0.15 s, a run that is killed or frozen "
+        "or of which a thread hangs within 1 s, whatever the supply's own watchdog waits; a lost instrument "
+        "as above.",
+        (*_SUPPLY, "--beside", "2"),
+        (*_SUPPLY, "--tries", "1"),
     ),
     "dead viewer": Promise(
         "A live view that dies costs no sample.",

@@ -1,4 +1,4 @@
-"""A crank's instruments in processes of the test's own: it hears the inverter, spoils its line, kills any."""
+"""A crank's instruments in processes of the test's own: it hears its drive, spoils its line, kills any."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
-from drivers.emulator_process import DriveLink, EmulatedInstrument
+from drivers.emulator_process import DriveLink, EmulatedInstrument, Fork
 from drivers.mitsubishi_fr.emulator.drive import NO_TERMINAL
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
 from drivers.mitsubishi_fr.registers import Terminal
@@ -27,13 +27,15 @@ from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
 from drivers.protocols.emergency_stop import StopLine
 from drivers.protocols.speed_drive import MotorOutput
+from drivers.scpi.emulator.process import start_dc_supply
 from rig.twin.shaft import EmulatedMotor, LinkedShaft, ShaftCourse
 from sim_twin.rigs.crank_drive import SpeedDrive
 from tests.end_to_end.command import await_true
 
-RPM, RPM_PER_HZ, RAMP_S, WATCHDOG_S = 300.0, 5.0, 1.0, 2.0
-SETTINGS = InverterSettings(RPM_PER_HZ, 350.0)
-MOTOR = EmulatedMotor(RPM_PER_HZ * math.tau / 60.0, SpeedDrive(1.0))
+RPM, RPM_PER_LEVEL, RAMP_S, WATCHDOG_S = 300.0, 5.0, 1.0, 2.0
+"""A level is a hertz of the inverter, or a volt of the supply."""
+SETTINGS = InverterSettings(RPM_PER_LEVEL, 350.0)
+MOTOR = EmulatedMotor(RPM_PER_LEVEL * math.tau / 60.0, SpeedDrive(1.0))
 WATCHDOG = 122
 _POINT_S = 0.002
 STRIKE = 150.0
@@ -49,12 +51,22 @@ sample_rate = "10.24 kHz"
 settle = "1 s"
 duration = "30 s"
 """
-BENCH = """\
+INVERTER = f"""\
 [inverter]
 driver = "mitsubishi_fr"
-port = "{inverter}"
-rpm_per_hz = {rpm_per_hz}
+port = "{{address}}"
+rpm_per_hz = {RPM_PER_LEVEL}
 maximum_speed = "350 rpm"
+"""
+SUPPLY = f"""\
+[dc_supply]
+resource = "{{address}}"
+rpm_per_volt = {RPM_PER_LEVEL}
+maximum_speed = "350 rpm"
+maximum_current = "3 A"
+ramp = "{RAMP_S:g} s"
+"""
+BENCH = """\
 [daq_card]
 grpc = "{card}"
 [[daq_card.channels]]
@@ -131,26 +143,14 @@ class Made:
         return TurningPlant(self.slips_after_s, self.struck)
 
 
-@dataclass(frozen=True, slots=True)
-class Fork:
-    """Passes outputs on to several processes."""
-
-    sinks: tuple[Connection, ...]
-
-    def send(self, output: MotorOutput, /) -> None:
-        for sink in self.sinks:
-            with suppress(OSError):
-                sink.send(output)
-
-
-class InverterSpy:
-    """Hears every change of an inverter's output."""
+class MotorSpy:
+    """Hears every change of what turns the motor."""
 
     def __init__(self, receiver: Connection) -> None:
         self.heard: list[MotorOutput] = []
         self.heard_ns: list[int] = []
         self._receiver = receiver
-        self._thread = threading.Thread(target=self._listen, name="inverter spy", daemon=True)
+        self._thread = threading.Thread(target=self._listen, name="motor spy", daemon=True)
         self._thread.start()
 
     @property
@@ -163,7 +163,7 @@ class InverterSpy:
 
     def await_stopping(self) -> None:
         """Wait until it was told, or tripped, to come to rest; what it puts out then ends on its ramp."""
-        await_true("inverter stops", lambda: self.moved and not self.runs, 15.0)
+        await_true("motor stops", lambda: self.moved and not self.runs, 15.0)
 
     def _listen(self) -> None:
         with suppress(EOFError, OSError):
@@ -182,10 +182,10 @@ class SpiedCrank:
 
     scenario: Path
     file: Path
-    inverter: EmulatedInstrument
+    actuator: EmulatedInstrument
     card: EmulatedInstrument
     encoder: EmulatedInstrument
-    spy: InverterSpy
+    spy: MotorSpy
     rehearsal: Connection
 
 
@@ -197,10 +197,11 @@ def spied_crank(
     stop: Terminal = NO_TERMINAL,
     struck: Path | None = None,
     watchdog_s: float = WATCHDOG_S,
+    by_supply: bool = False,
 ) -> Iterator[SpiedCrank]:
     """A crank's bench without physics but for its shaft, and a strike at its frame.
 
-    `stop` is the terminal of an emergency stop.
+    `stop` is the terminal of an emergency stop; `by_supply`, a DC supply turns it and no inverter.
     """
     wiring = CardWiring(
         {
@@ -215,25 +216,29 @@ def spied_crank(
     rehearsal, ordered = get_context("spawn").Pipe()
     with DriveLink.new() as spied, DriveLink.new() as shown, DriveLink.new() as sensed:
         fork = Fork((spied.sender, shown.sender, sensed.sender))
-        inverter = start_inverter(InverterWiring(fork, None, ordered), replace(setup, parameters=parameters))
+        if by_supply:
+            actuator = start_dc_supply(fork)
+        else:
+            actuator = start_inverter(
+                InverterWiring(fork, None, ordered), replace(setup, parameters=parameters)
+            )
         ordered.close()
         card = start_daq_card(Made(slips_after_s, struck), wiring, shown.receiver)
         sensor = start_encoder(partial(LinkedShaft, MOTOR, sensed.receiver), encoder)
         spied.sender.close()
-        spy = InverterSpy(spied.receiver)
+        spy = MotorSpy(spied.receiver)
         host, _, port = sensor.address.rpartition(":")
-        text = BENCH.format(
-            inverter=inverter.address, rpm_per_hz=RPM_PER_HZ, card=card.address, host=host, port=port
-        )
+        text = (SUPPLY if by_supply else INVERTER).format(address=actuator.address)
+        text += BENCH.format(card=card.address, host=host, port=port)
         if line is not None:
             text += f'[emergency_stop]\nline = "{line.line}"\n'
         scenario, bench = folder / "scenario.toml", folder / "bench.toml"
         scenario.write_text(SCENARIO)
         bench.write_text(re.sub(r"valid_until = 2036", "valid_until = 2096", text))
         try:
-            yield SpiedCrank(scenario, bench, inverter, card, sensor, spy, rehearsal)
+            yield SpiedCrank(scenario, bench, actuator, card, sensor, spy, rehearsal)
         finally:
-            for instrument in (inverter, card, sensor):
+            for instrument in (actuator, card, sensor):
                 instrument.close()
             rehearsal.close()
             spy.join()

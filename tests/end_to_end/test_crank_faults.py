@@ -17,7 +17,7 @@ from drivers.canopen_cia406.emulator.process import EncoderSetup
 from drivers.protocols.speed_drive import MotorOutput
 from drivers.rehearsal import rehearsed
 from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
-from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_HZ, WATCHDOG_S, SpiedCrank, spied_crank
+from tests.end_to_end.spied_crank import RAMP_S, RPM, RPM_PER_LEVEL, WATCHDOG_S, SpiedCrank, spied_crank
 
 OVERCURRENT = 0x10
 """E.OC1 in the fault history."""
@@ -49,7 +49,7 @@ def stopped(run: Command, crank: SpiedCrank) -> Ended:
 
 
 def last_from_full_speed(outputs: list[MotorOutput]) -> MotorOutput:
-    return next(output for output in reversed(outputs) if output.level > 0.5 * RPM / RPM_PER_HZ)
+    return next(output for output in reversed(outputs) if output.level > 0.5 * RPM / RPM_PER_LEVEL)
 
 
 def came_down_on_its_ramp(outputs: list[MotorOutput]) -> bool:
@@ -188,7 +188,7 @@ def test_a_trip_ends_the_run_with_code_and_time_in_the_log_and_nobody_resets_it(
         mortal_crank.rehearsal.send(rehearsed(f"inverter.trips:code={OVERCURRENT}"))
         ended = stopped(run, mortal_crank)
     assert ended.code == 1
-    assert f"inverter at {mortal_crank.inverter.address}: it has tripped: E.OC1" in ended.err
+    assert f"inverter at {mortal_crank.actuator.address}: it has tripped: E.OC1" in ended.err
     with LogReader(ended.log) as reader:
         assert reader.complete
         told = reader.events()
