@@ -7,16 +7,16 @@ identified, and in a nominal one, and has `rattle diagnose` name it: in one that
 `healthy` records healthy rigs of tolerances twice as wide and counts those that lie outside of the healthy
 band, with and without what `rattle calibrate --spread` learnt of five others.
 
-Every rig's result is a file in benchmarks/measured/identified, with the commit and a digest of twin,
-application and truth engines that it is of: those of one digest add up, over seeds too, what is there is not
-done again, and a search that is stopped or runs out of time goes on where it was, by what DIR holds. `score`
-prints what they come to, and how many of other digests it leaves out. The gap afterwards is at most its bar
-where that of every rig is that was not refused, and one that could not be measured is not; no rig may be
-refused, and none may take longer than its bar says. Returns 1 where a figure misses its bar, or a kind of rig
-has less than twenty results of a step.
+Every rig's result is a file in benchmarks/measured/identified, with the commit and a digest of what of the
+program its step hangs on, and of the truth engines: those of one digest add up, over seeds too, what is there
+is not done again, and a search that is stopped or runs out of time goes on where it was, by what DIR holds.
+`score` prints what they come to, and how many of other digests it leaves out. The gap afterwards is at most
+its bar where that of every rig is that was not refused, and one that could not be measured is not; no rig may
+be refused, and none may take longer than its bar says. Returns 1 where a figure misses its bar, or a kind of
+rig has less than twenty results of a step.
 
 Usage: python -m benchmarks.identified {rigs,effects,healthy,score} DIR [--more N] [--only RIG] [--count N]
-    [--seed 1] [--budget SECONDS] [--results FOLDER] [--digest OF]
+    [--seed 1] [--budget SECONDS] [--results FOLDER]
 """
 
 from __future__ import annotations
@@ -90,13 +90,13 @@ _FRAMES: Final = {"crank_y": CRANK_Y, "crank_x": CRANK_X, "piston_y": PISTON_Y}
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A rig of its kind, by number and seed: its files lie `within`, what the steps came to in `results`."""
+    """A rig of its kind, by number and seed: its files lie `within`, what came of it in `results`."""
 
     rig: str
     number: int
     seed: int
     within: Path
-    results: Results
+    results: Mapping[str, Results]
 
     @property
     def name(self) -> str:
@@ -110,10 +110,10 @@ class Case:
         return np.random.default_rng([self.seed, self.number, _SEEDS[self.rig], *more])
 
     def found(self, step: str) -> dict[str, Any] | None:
-        return self.results.found(f"{self.name}_{step}")
+        return self.results[step].found(f"{self.name}_{step}")
 
     def keep(self, step: str, found: Mapping[str, Any]) -> None:
-        self.results.keep(f"{self.name}_{step}", {"rig": self.rig, **found})
+        self.results[step].keep(f"{self.name}_{step}", {"rig": self.rig, **found})
 
 
 def beam_of(values: Mapping[str, float], rig: Any) -> Any:
@@ -326,7 +326,8 @@ def judge_healthy(case: Case, budget_s: float) -> None:
 def _learnt(case: Case, point: Sequence[PointOfRun], budget_s: float) -> Path:
     """The model of what five rigs tell of their tolerances; it is kept with the results."""
     name = f"{case.rig}_seed_{case.seed}_lab"
-    folder, kept = case.within / name, case.results.found(name)
+    results = case.results["healthy"]
+    folder, kept = case.within / name, results.found(name)
     folder.mkdir(parents=True, exist_ok=True)
     lab = folder / "lab.toml"
     if kept is None:
@@ -345,20 +346,33 @@ def _learnt(case: Case, point: Sequence[PointOfRun], budget_s: float) -> Path:
             raise SystemExit(told)
         print(told, flush=True)
         kept = {"model": lab.read_text()}
-        case.results.keep(name, kept)
+        results.keep(name, kept)
     lab.write_text(kept["model"])
     return lab
 
 
 STEPS: Final = {"rigs": identify_rig, "effects": diagnose_effect, "healthy": judge_healthy}
+_IDENTIFIED: Final = ("rig.commands.identify", "rig.diagnosis.health", "rig.rigs")
+_HANGS_ON: Final = {
+    "rigs": _IDENTIFIED,
+    "effects": (*_IDENTIFIED, "rig.diagnosis.diagnose_runs"),
+    "healthy": ("rig.diagnosis.calibration", "rig.diagnosis.health", "rig.rigs"),
+}
+"""Of each step the modules that its results hang on, with what they import."""
 
 
-def score(results: Results) -> bool:
+def results_in(folder: Path) -> dict[str, Results]:
+    """Those of each step that this program made."""
+    return {step: Results(folder, made_by(_HANGS_ON[step], ("benchmarks/blind",))) for step in STEPS}
+
+
+def score(results: Mapping[str, Results]) -> bool:
     """Print what the rigs' results come to; whether none is missing and every figure meets its bar."""
     met, called_off = True, list[bool]()
-    print(f"program {results.digest}; results of others, left out: {results.others()}")
+    for step, kept in results.items():
+        print(f"{step}: program {kept.digest}; results of others, left out: {kept.others(f'*_{step}')}")
     for rig in FREE:
-        found = {step: results.every(f"{rig}_*_{step}") for step in STEPS}
+        found = {step: kept.every(f"{rig}_*_{step}") for step, kept in results.items()}
         print(f"{rig}: {', '.join(f'{step} {len(each)} of {RIGS_A_KIND}' for step, each in found.items())}")
         met &= all(len(each) >= RIGS_A_KIND for each in found.values())
         met &= _score_values(found["rigs"])
@@ -419,14 +433,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", choices=FREE)
     parser.add_argument("--more", type=int, default=1000, help="do at most so many")
     parser.add_argument("--budget", type=float, help="seconds of each search, diagnosis or calibration")
-    parser.add_argument("--digest", help="score what another program came to")
     asked = parser.parse_args(arguments)
-    present = made_by("sim_twin", "rig", "benchmarks/blind")
+    results = results_in(asked.results)
     if asked.step == "score":
-        return 0 if score(Results(asked.results, asked.digest or present)) else 1
-    if asked.digest:
-        parser.error("--digest goes with score only")
-    results, within = Results(asked.results, present), asked.folder / present
+        return 0 if score(results) else 1
+    within = asked.folder / results[asked.step].digest
     every = [
         Case(rig, number, asked.seed, within, results)
         for number in range(asked.count)

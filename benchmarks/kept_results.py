@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import grimp
 
 from benchmarks.blind.command import ROOT
 from benchmarks.blind.seal import commit
@@ -17,10 +19,28 @@ from rig.diagnosis.kept import sources_of
 _DIGITS = 12
 
 
-def made_by(*packages: str) -> str:
-    """A digest of the sources of packages, each a folder of this project."""
-    sources = [sources_of(str(ROOT / package / "__init__.py")) for package in packages]
-    return hashlib.sha256("\n".join(sources).encode()).hexdigest()[:_DIGITS]
+_PACKAGES = ("daq", "drivers", "rig", "sim_twin")
+
+
+def made_by(modules: Iterable[str], folders: Iterable[str] = ()) -> str:
+    """A digest of the sources of modules, or packages, with all of ours that they import, and of folders.
+
+    So that a change of what a result does not hang on costs it nothing. What is imported by its name in a
+    table has to be named.
+    """
+    graph, needed = grimp.build_graph(*_PACKAGES, cache_dir=None), set[str]()
+    for each in (one for module in modules for one in (module, *graph.find_descendants(module))):
+        needed |= {each, *graph.find_upstream_modules(each)}
+    sources = [(name, _source(name).read_bytes()) for name in sorted(needed)]
+    digest = hashlib.sha256(repr(sources).encode())
+    for folder in folders:
+        digest.update(sources_of(str(ROOT / folder / "__init__.py")).encode())
+    return digest.hexdigest()[:_DIGITS]
+
+
+def _source(module: str) -> Path:
+    path = ROOT / module.replace(".", "/")
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +58,10 @@ class Results:
         """Those with names of a pattern, such as `beam_*`."""
         return [json.loads(file.read_text()) for file in sorted(self.folder.glob(self._file(pattern).name))]
 
-    def others(self) -> int:
-        """How many results lie there that other programs made."""
-        own, every = (len(list(self.folder.glob(f"*{end}.json"))) for end in (f"_{self.digest}", ""))
-        return every - own
+    def others(self, pattern: str) -> int:
+        """How many results with names of a pattern lie there that other programs made."""
+        every = self.folder.glob(f"{pattern}_{'?' * _DIGITS}.json")
+        return sum(file.stem[-_DIGITS:] != self.digest for file in every)
 
     def keep(self, name: str, found: Mapping[str, Any]) -> None:
         make_folder(self.folder)

@@ -36,7 +36,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -225,7 +225,11 @@ def _motor(folder: Path, listening: bool, by_supply: bool = False) -> Iterator[B
         yield Bench(crank.scenario, crank.file, made, struck, heard, told)
 
 
-DRIVES = {"generator": _generator, "motor": _motor, "supply": partial(_motor, by_supply=True)}
+DRIVES: dict[str, Callable[[Path, bool], AbstractContextManager[Bench]]] = {
+    "generator": _generator,
+    "motor": _motor,
+    "supply": partial(_motor, by_supply=True),
+}
 
 
 class EndedBefore(RuntimeError):
@@ -413,6 +417,7 @@ _ANY_MOMENT = ("killed", "frozen", "thread", "lost")
 BARS = {"limit": 0.15, "noticed": 1.0, "safe after": 0.2, "told off after": 0.2, "samples lost": 0.0}
 """Of the 99th percentile; 1 s for whatever is not named."""
 MOST_BEFORE = 1 / 20
+_ANY = "any thread held"
 
 
 def once(drive: str, way: str, rng: Random) -> dict[str, float]:
@@ -489,10 +494,12 @@ def main() -> int:
             found, before = tries_of(drive, way, tries, rng, 1 if way == "viewer" else arguments.beside)
             if before:
                 print(f"{drive:9} {way}: {before} more ended before they were to, and were tried again")
+            if way == "thread":  # of few tries each, which are judged as the hundred that they are together
+                found[_ANY] = [each for all_s in found.values() for each in all_s]
             for what, all_s in sorted(found.items()):
                 bar_s = BARS.get(what.split(": ")[-1], 1.0)
                 p99_s = _of_99(all_s)
-                met &= held(all_s, bar_s)
+                met &= held(all_s, bar_s) or (way == "thread" and what != _ANY)
                 print(
                     f"{drive:9} {what:36} {len(all_s):4} tries: median {np.median(all_s):.3f}, "
                     f"99 % within {p99_s:.3f} (bar {bar_s:g}), worst {max(all_s):.3f}",

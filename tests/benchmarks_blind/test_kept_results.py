@@ -37,7 +37,7 @@ def write(folder: Path, step: str, number: int, found: dict[str, Any], rig: str 
 
 
 @pytest.fixture
-def results(tmp_path: Path) -> Results:
+def results(tmp_path: Path) -> dict[str, Results]:
     """All that is wanted, just within the bars."""
     for rig in FREE:
         for step, found in GOOD.items():
@@ -45,10 +45,10 @@ def results(tmp_path: Path) -> Results:
                 write(tmp_path, step, number, found, rig)
         # of all intervals to hold would be too many
         write(tmp_path, "rigs", 0, {**GOOD["rigs"], "truth": {"friction": 2.0}}, rig)
-    return Results(tmp_path, DIGEST)
+    return dict.fromkeys(GOOD, Results(tmp_path, DIGEST))
 
 
-def test_what_meets_every_bar_passes(results: Results, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_meets_every_bar_passes(results: dict[str, Results], capsys: pytest.CaptureFixture[str]) -> None:
     assert score(results)
     said = capsys.readouterr().out
     assert f"{RIG}: rigs 20 of 20, effects 20 of 20, healthy 20 of 20" in said
@@ -57,14 +57,14 @@ def test_what_meets_every_bar_passes(results: Results, capsys: pytest.CaptureFix
 
 
 def test_nothing_measured_passes_nothing(tmp_path: Path) -> None:
-    assert not score(Results(tmp_path / "absent", DIGEST))
+    assert not score(dict.fromkeys(GOOD, Results(tmp_path / "absent", DIGEST)))
 
 
 @pytest.mark.parametrize("step", GOOD)
 def test_one_result_that_is_missing_is_told_and_fails(
-    results: Results, capsys: pytest.CaptureFixture[str], step: str
+    results: dict[str, Results], capsys: pytest.CaptureFixture[str], step: str
 ) -> None:
-    write(results.folder, step, 7, {}).unlink()
+    write(results["rigs"].folder, step, 7, {}).unlink()
     assert not score(results)
     assert f"{step} 19 of 20" in capsys.readouterr().out
 
@@ -74,39 +74,39 @@ def test_one_result_that_is_missing_is_told_and_fails(
     [{"gap": 1.2}, {"gap": None}, {"wall_s": 310.0}, {"cores": 16}, {"code": 1}],
     ids=["gap", "no gap", "slow", "on more cores", "refused"],
 )
-def test_one_rig_that_misses_a_bar_fails(results: Results, changed: dict[str, Any]) -> None:
-    write(results.folder, "rigs", 7, {**GOOD["rigs"], **changed})
+def test_one_rig_that_misses_a_bar_fails(results: dict[str, Results], changed: dict[str, Any]) -> None:
+    write(results["rigs"].folder, "rigs", 7, {**GOOD["rigs"], **changed})
     assert not score(results)
 
 
 @pytest.mark.parametrize("held", [17, 20])
-def test_intervals_that_hold_too_few_or_too_many_values_fail(results: Results, held: int) -> None:
+def test_intervals_that_hold_too_few_or_too_many_values_fail(results: dict[str, Results], held: int) -> None:
     for number in range(RIGS_A_KIND):
         truth = {"friction": 1.0 if number < held else 2.0}
-        write(results.folder, "rigs", number, {**GOOD["rigs"], "truth": truth})
+        write(results["rigs"].folder, "rigs", number, {**GOOD["rigs"], "truth": truth})
     assert not score(results)
 
 
-def test_one_effect_fewer_may_be_named_in_identified_rigs(results: Results) -> None:
+def test_one_effect_fewer_may_be_named_in_identified_rigs(results: dict[str, Results]) -> None:
     missed = {**GOOD["effects"], "identified": {"right": False}}
-    write(results.folder, "effects", 1, missed)
+    write(results["rigs"].folder, "effects", 1, missed)
     assert score(results)
-    write(results.folder, "effects", 2, missed)
+    write(results["rigs"].folder, "effects", 2, missed)
     assert not score(results)
 
 
-def test_three_false_alarms_of_sixty_are_allowed(results: Results) -> None:
+def test_three_false_alarms_of_sixty_are_allowed(results: dict[str, Results]) -> None:
     for number in range(3):
-        write(results.folder, "healthy", number, {**GOOD["healthy"], "own": True})
+        write(results["rigs"].folder, "healthy", number, {**GOOD["healthy"], "own": True})
     assert score(results)
-    write(results.folder, "healthy", 3, {**GOOD["healthy"], "own": True})
+    write(results["rigs"].folder, "healthy", 3, {**GOOD["healthy"], "own": True})
     assert not score(results)
 
 
 def test_results_of_another_program_do_not_count(
-    results: Results, capsys: pytest.CaptureFixture[str]
+    results: dict[str, Results], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = write(results.folder, "rigs", 7, GOOD["rigs"])
+    file = write(results["rigs"].folder, "rigs", 7, GOOD["rigs"])
     file.rename(file.with_name(file.name.replace(DIGEST, "ba9876543210")))
     assert not score(results)
     assert "results of others, left out: 1" in capsys.readouterr().out
@@ -118,8 +118,22 @@ def test_a_result_says_what_made_it(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     own.keep("bench", {"value": 1})
     assert own.found("bench") == {"commit": "abc+", "digest": DIGEST, "value": 1}
     assert other.found("bench") is None
-    assert (own.others(), other.others()) == (0, 1)
-    assert made_by("sim_twin") == made_by("sim_twin") != made_by("sim_twin", "drivers")
+    assert (own.others("*"), other.others("*")) == (0, 1)
+
+
+def test_a_result_hangs_on_what_is_imported_and_on_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if two of the modules were edited: what a search is judged by, and what it only shows."""
+    before = made_by(("rig.diagnosis.health",)), made_by(("rig.diagnosis.health",), ("drivers",))
+    assert len({*before, made_by(("rig.diagnosis.identify",))}) == 3
+    source, edited = kept_results._source, tmp_path / "edited.py"
+    edited.write_text("")
+    for module, counts in (("sim_twin.diagnosis.gap", True), ("rig.pages.report", False)):
+        monkeypatch.setattr(
+            kept_results, "_source", lambda name, of=module: edited if name == of else source(name)
+        )
+        assert (made_by(("rig.diagnosis.health",)) != before[0]) == counts
 
 
 def bench(verdict: str, declared: str = "within") -> dict[str, Any]:
