@@ -97,7 +97,8 @@ ALL = {
     ),
     "lost instrument": Promise(
         "An instrument that is lost, or answers no more, is noticed within 1 s, and what moves is safe 0.2 s "
-        "after; where it is what drives, by its own watchdog, and a generator by hand.",
+        "after. What drives and is lost itself is told so by then, by a new connection; where that finds "
+        "nobody, an inverter is safe by its own watchdog, a generator by hand.",
         ("benchmarks.reactions", "lost", "--beside", "2"),
         ("benchmarks.reactions", "lost", "--tries", "1"),
     ),

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from itertools import cycle
 
-from daq.errors import DeviceLost, InstrumentRefused, InstrumentSilent
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr.frames import READ, WRITE, Answer, Request
 from drivers.mitsubishi_fr.line import Line, NoAnswer
 from drivers.mitsubishi_fr.registers import MARKS, Block, Register
@@ -69,6 +70,14 @@ class Conversation:
     def hush(self) -> None:
         """Send nothing from now on, so that the drive's watchdog stops it."""
         self._hushed = True
+
+    async def reconnect(self) -> None:
+        """Connect anew where the line is lost, as a gateway may be back at once; who is not, stays lost."""
+        async with self._turn:
+            if not self._hushed:
+                self._in_doubt = True
+                with suppress(InstrumentAbsent):
+                    await self._line.reopen()
 
     async def read(self, block: Block, expires_s: float) -> tuple[int, ...]:
         """Return the raw registers of a block; asked again once."""

@@ -72,6 +72,9 @@ class Line(Protocol):
     async def ask(self, request: Request) -> Answer:
         """Send once and return the answer. Raises `NoAnswer`, `DeviceLost`."""
 
+    async def reopen(self) -> None:
+        """Connect anew where the connection is lost. Raises `InstrumentAbsent`."""
+
 
 class SerialLine:
     """A `Line` on a port that whoever opens it has locked. Not safe for two requests at once."""
@@ -95,7 +98,7 @@ class SerialLine:
             stopbits=2 if settings.parity == "N" else 1,
             timeout=settings.answer_s,  # pymodbus's own 3 s would outlast the drive's watchdog
             retries=0,  # what may be repeated, the conversation knows
-            reconnect_delay=0,  # a device that comes back is a matter for a person
+            reconnect_delay=0,  # a device that comes back is a matter for a person, or for a stop
             trace_packet=self._trace,
         )
         try:
@@ -108,6 +111,11 @@ class SerialLine:
             raise self._absent("the port does not open")
         port = getattr(getattr(self._client.ctx.transport, "sync_serial", None), "_socket", None)
         self._socket = port if isinstance(port, socket.socket) else None
+
+    async def reopen(self) -> None:
+        if self._client is None or not self._client.connected:
+            self.close()
+            await self.open()
 
     def close(self) -> None:
         """Give the port back. Never raises."""

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from daq.clock import Clock
-from daq.errors import InstrumentError, InstrumentRefused, InstrumentSilent
+from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr import registers as fr
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.registers import Command, Status
@@ -340,6 +340,8 @@ class Motor:
                     return
             except InstrumentError as error:
                 why = str(error)
+                if isinstance(error, DeviceLost):
+                    await self._talk.reconnect()
         # Whatever is sent restarts the watchdog, which is all that can stop it now.
         self._talk.hush()
         raise InstrumentSilent(

@@ -218,13 +218,13 @@ class Poller:
         """Latch the error and stop the motor, unless that was done for one before it."""
         if not self._latch(error):
             return
-        if not self._motor.orders.may_turn or isinstance(error, DeviceLost):
+        if not self._motor.orders.may_turn:
             return
-        # Of a drive that has tripped or is silent no ramp can be seen, an emergency stop waits for none: run
-        # is withdrawn at once.
+        # Of a drive that has tripped, is silent or lost no ramp can be seen, an emergency stop waits for
+        # none: run is withdrawn at once.
         tripped = self._motor.state is not None and self._motor.state.fault != ""
         stop: Callable[[], Coroutine[Any, Any, None]] = self._motor.stop
-        if tripped or isinstance(error, InstrumentSilent | EmergencyStop):
+        if tripped or isinstance(error, (*_GONE, EmergencyStop)):
             stop = self._motor.withdraw
         try:
             await self._carry_through(stop())

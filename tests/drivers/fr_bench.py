@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pymodbus.constants import ExcCodes
 
-from daq.errors import DeviceLost, InstrumentError
+from daq.errors import DeviceLost, InstrumentAbsent, InstrumentError
 from drivers.mitsubishi_fr.conversation import Conversation
 from drivers.mitsubishi_fr.emulator.drive import (
     DriveFaults,
@@ -110,6 +110,7 @@ class VirtualLine:
     disturbance: Disturbance = field(default_factory=lambda: Disturbance(LineFaults()))
     answer_s: float = 0.2
     cut: bool = False
+    returns: bool = False  # to whoever connects anew
     mute: bool = False
     sent: list[tuple[float, Request]] = field(default_factory=list)
     _coming: deque[tuple[float, bytes]] = field(default_factory=deque)
@@ -132,6 +133,11 @@ class VirtualLine:
         await asyncio.sleep(deadline_s - self.loop.time())
         self.health.note_failure(what_was_heard(request, heard))
         raise NoAnswer(what_was_heard(request, heard))
+
+    async def reopen(self) -> None:
+        if not self.returns:
+            raise InstrumentAbsent("inverter", "nowhere", "nobody answers (unplugged)")
+        self.cut = False
 
     async def _transmit(self, request: Request) -> None:
         if self.cut:

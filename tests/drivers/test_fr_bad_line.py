@@ -193,6 +193,24 @@ def test_an_unplugged_line_is_a_lost_device() -> None:
     on_bench(work)
 
 
+def test_a_line_that_is_lost_and_back_at_once_tells_the_drive_to_stop() -> None:
+    """As that of a gateway which drops its connections; the drive's watchdog would take a second more."""
+
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        bench.line.cut = bench.line.returns = True
+        before, lost_s = len(bench.line.writes()), bench.loop.time()
+        assert isinstance(await latched(bench, 0.3), DeviceLost)
+        await bench.wait(0.1)
+        assert bench.line.writes()[before:] == [STOP]
+        assert bench.loop.time() - lost_s < 0.5
+        await bench.wait(2.5)
+        assert bench.load.at(bench.loop.time()) == 0.0
+        assert not bench.motor.orders.ran
+
+    on_bench(work)
+
+
 def test_closing_without_an_answer_still_tries_to_stop() -> None:
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
