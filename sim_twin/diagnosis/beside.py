@@ -6,7 +6,7 @@ What is not in yet has led the parameters of what was found astray: they are dra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,33 +40,36 @@ _APART = 17
 """Keeps what is drawn of the found effects apart from what else a draw's seed decides."""
 
 
-def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Ranked | None:
+def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Iterator[Ranked]:
     """What was `found` with the most probable of what may act beside it, its parameters as wide as that.
 
     Values that may have been entered wrongly are looked at first, if the `search` has not; then as many
-    motions as it may have are simulated at most. None where nothing may be added, or where
-    there was no time.
+    motions as it may have are simulated at most: whoever asks again has those spent that were left once one
+    of the others led. Nothing where nothing may be added, or where there was no time.
     """
     names = {cause.name for cause in found.hypothesis}
     every = [*(cause for cause in search.causes if not cause.entered), *_doubts_beside(search, found, rng)]
     others = [c for c in every if c not in found.hypothesis and (c.name not in names or c.channel)]
     room = len(BEFOREHAND) - 1 - len(found.hypothesis)
     if not found.hypothesis or room < 1 or not others:
-        return None
+        return
     wide = _wide(found, rng)
     with_found = _With(search.execute, found.hypothesis, wide)
     second = Search(
         search.subject, search.measured, with_found, rng, Library(), search.motions, search.told, others,
         doubting=False,
     )  # fmt: skip
-    try:
-        _, ranked = second.run()
-    except SimulationFailed:
-        return None
-    if with_found.cut_short:
-        return None
-    added = next(each for each in ranked if 0 < len(each.hypothesis) <= room)
-    return _joined(replace(found, posterior=wide), added, rng)
+    for look in (second.until_one_leads, second.go_on):
+        try:
+            _, ranked = look()
+        except SimulationFailed:
+            return
+        if with_found.cut_short:
+            return
+        added = next(each for each in ranked if 0 < len(each.hypothesis) <= room)
+        yield _joined(replace(found, posterior=wide), added, rng)
+        if not second.may_go_on:
+            return
 
 
 def _doubts_beside(search: Search, found: Ranked, rng: np.random.Generator) -> list[Cause]:

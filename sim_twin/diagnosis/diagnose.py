@@ -101,13 +101,17 @@ def diagnose(
     rng = np.random.default_rng(seed)
     library, searching, judging = Library(), _Counted(execute), _Counted(execute)
     search = Search(subject, measured, searching, rng, library, effort.search, told)
-    attribution, ranked = search.run()
-    searched = searching.share
-    ranked = of_a_part(ranked, searched)
+    attribution, ranked = search.until_one_leads()
     measure = gap_measure(library.fingerprints(()), subject.layout)
     rigs = max(_FEWEST_ABOUT, effort.judge // 3)
     explaining = Explaining(search, attribution, measure, rigs, judging, rng)
-    at_first = explaining.explained(ranked[0])
+    at_first = explaining.explained(of_a_part(ranked, searching.share)[0])
+    if search.may_go_on and explaining.leaves_open(at_first):
+        attribution, ranked = search.go_on()
+        explaining = replace(explaining, attribution=attribution)
+        at_first = explaining.explained(of_a_part(ranked, searching.share)[0])
+    searched = searching.share
+    ranked = of_a_part(ranked, searched)
     explanation = explaining.completed(at_first)
     known = search.bring_back([(cause,) for cause in explanation.best.hypothesis])
     if known or explanation.best.hypothesis != ranked[0].hypothesis:  # values may have been doubted meanwhile

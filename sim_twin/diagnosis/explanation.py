@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,8 @@ from sim_twin.diagnosis.subject import Execute
 
 Array = NDArray[np.float64]
 _NEAREST = 12
+_TOLD_BY_ONE = 2
+"""Parameters that a round of rigs tells; for more of one effect there are more rigs."""
 _OPEN = 0.2
 """Probability of something unknown from which on more is looked for beside what was found, and below which
 what comes of that is believed."""
@@ -50,9 +53,11 @@ class Explaining:
     def explained(self, ranked: Ranked) -> Explanation:
         """What rigs about it leave, its parameters being those that they tell."""
         search = self.search
+        parameters = sum(len(cause.parameters) for cause in ranked.hypothesis)
+        times = max(1, len(ranked.hypothesis), math.ceil(parameters / _TOLD_BY_ONE))
         best, focus = refocused(
             ranked, search.measured, self.attribution.moments, search.told,
-            self.rigs * max(1, len(ranked.hypothesis)), self.execute, self.rng,
+            times * self.rigs, self.execute, self.rng,
         )  # fmt: skip
         like = self._like(best, focus)
         healthy = not best.hypothesis
@@ -78,15 +83,19 @@ class Explaining:
         far = np.sum(((values - best.best()) / (values.std(axis=0) + 1e-12)) ** 2, axis=1)
         return known[np.argsort(far)[:_NEAREST]]
 
+    def leaves_open(self, found: Explanation) -> bool:
+        """Whether what was found is not all that there is, by rigs about it."""
+        return found.left.unknown > _OPEN
+
     def completed(self, found: Explanation) -> Explanation:
         """What was found, or with it what acts beside it, if that leaves less unknown."""
-        if found.left.unknown <= _OPEN:
+        if not self.leaves_open(found):
             return found
-        joint = with_others(self.search, found.best, self.rng)
-        if joint is None:
-            return found
-        tried = self.explained(joint)
-        return tried if tried.left.unknown < _OPEN and tried.focus is not None else found
+        for joint in with_others(self.search, found.best, self.rng):
+            tried = self.explained(joint)
+            if tried.focus is not None and not self.leaves_open(tried):
+                return tried
+        return found
 
     def believed(self, ranked: Sequence[Ranked], found: Explanation) -> list[Ranked]:
         """The ranking once an explanation was found that needs more than the first of it says."""

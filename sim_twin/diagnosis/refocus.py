@@ -104,7 +104,7 @@ def refocused(
     """What `measured` blocks (n, numbers) say of an explanation's parameters, by rounds of `count` rigs.
 
     `told`: how many blocks of each run they are worth; empty: as many as there are. Where there are no
-    parameters or too few rigs came out, the explanation stays as it was.
+    parameters, too few rigs came out or these tell less than is known, the explanation stays as it was.
     """
     focus: Focus | None = None
     size = sum(len(cause.parameters) for cause in ranked.hypothesis)
@@ -114,9 +114,13 @@ def refocused(
         rigs = rigs.about(_drawn(ranked, wider, count, rng), ranked.hypothesis, execute, rng)
         if len(rigs.places) < _FEWEST:
             break
-        before, focus = _deviations(ranked), _focused(ranked.hypothesis, rigs, moments, rng)
-        ranked = replace(ranked, posterior=focus.posterior(measured, worth, rng))
-        if np.all(_deviations(ranked) > _NARROWED * before):
+        before, about = _deviations(ranked), _focused(ranked.hypothesis, rigs, moments, rng)
+        found = replace(ranked, posterior=about.posterior(measured, worth, rng))
+        after = _deviations(found)
+        if np.all(after > before):
+            break
+        ranked, focus = found, about
+        if np.all(after > _NARROWED * before):
             break
     return ranked, focus
 

@@ -56,6 +56,8 @@ _SURE = 3.0
 _FITS = 1.5
 """Misfit up to which the runs are explained: two deviations more than what the catalogue holds leaves of
 another engine's rigs (see `belief`)."""
+_NEARLY_FITS = 3.0
+"""Misfit up to which one effect that leads is looked at more closely before more is spent."""
 _DOUBTED = 0.3
 """That any value was entered wrongly, as a share of what is believed beforehand of all effects."""
 _DISTINCT = 40
@@ -121,10 +123,10 @@ def believed(weighed: Sequence[Weighed]) -> list[Ranked]:
     return sorted(ranked, key=lambda each: -each.probability)
 
 
-def _settled(ranked: Sequence[Ranked], before: Ranked | None) -> bool:
-    """Whether another round would tell the same: one leads clearly, did so before, and fits."""
+def _leads(ranked: Sequence[Ranked], before: Ranked | None) -> bool:
+    """Whether another round would put the same first: it leads clearly, and did so before."""
     first, others = ranked[0], ranked[1:]
-    if before is None or before.hypothesis != first.hypothesis or first.misfit > _FITS:
+    if before is None or before.hypothesis != first.hypothesis:
         return False
     return all(first.probability > np.exp(_SURE) * each.probability for each in others)
 
@@ -176,46 +178,79 @@ class Search:
     _ruled_out: dict[Hypothesis, Weighed] = field(default_factory=dict)
     """By the runs that were looked at first; logarithms are those below the best."""
     _seen_first: tuple[int, ...] = ()
+    _rest: int = 0
+    _number: int = 0
+    _before: Ranked | None = None
+    _leading: Ranked | None = None
+    """Motions and rounds, and what came first in the last; what leads, as far as anything does."""
 
     def __post_init__(self) -> None:
         self.causes = self.causes or self.subject.causes
 
     def run(self) -> tuple[Attribution, list[Ranked]]:
         """Spend the motions, as far as they tell; the most probable hypothesis comes first."""
-        rest = max(0, self.motions - self._first_look())
-        before: Ranked | None = None
-        for number, share in enumerate(_REFINED):
-            motions = int(rest * share / sum(_REFINED[number:]))
-            attribution, weighed = self._singly()
-            if number > 0 and believed(weighed)[0].misfit > _OPEN and self._bring_back():
-                attribution, weighed = self._singly()
-            leading = believed(weighed)[0]
-            order = Order()
-            if number == _PARTNERS_IN and leading.misfit > _NEEDS_PARTNER:
-                order = self.partners(leading, motions, _FROM_WIDER[number])
-            if leading.misfit > _LEAVES_ROOM:
-                pairs = self.promising_pairs(attribution, believed(weighed))
-                weighed += self.weigh(attribution, pairs)
-            ranked = believed(weighed)
-            if _settled(ranked, before):
+        self._rest = max(0, self.motions - self._first_look())
+        return self._rounds(_FITS)
+
+    def until_one_leads(self) -> tuple[Attribution, list[Ranked]]:
+        """The same, but for what is left once one effect leads that nearly fits.
+
+        Rigs about it tell more of it than further rounds: responses as sharp as a resonance lie between those
+        that were simulated.
+        """
+        self._rest = max(0, self.motions - self._first_look())
+        return self._rounds(_NEARLY_FITS)
+
+    def go_on(self) -> tuple[Attribution, list[Ranked]]:
+        """Spend what is left, until what leads fits as well."""
+        return self._rounds(_FITS)
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether what leads does not fit, and there is something left to spend."""
+        leading = self._leading
+        return leading is not None and leading.misfit > _FITS and self._number < len(_REFINED)
+
+    def _rounds(self, one_fits: float) -> tuple[Attribution, list[Ranked]]:
+        """Round by round what is left, until what leads fits; of one effect alone, up to `one_fits`."""
+        while self._number < len(_REFINED):
+            number = self._number
+            motions = int(self._rest * _REFINED[number] / sum(_REFINED[number:]))
+            alone, ranked = self._weighed()
+            leading = self._leading = ranked[0] if _leads(ranked, self._before) else None
+            if leading and leading.misfit <= (one_fits if len(leading.hypothesis) == 1 else _FITS):
                 break
+            if number > 0 and ranked[0].misfit > _OPEN and self._bring_back():
+                alone, ranked = self._weighed()
+            order = Order()
+            if number == _PARTNERS_IN and alone[0].misfit > _NEEDS_PARTNER:
+                order = self.partners(alone[0], motions, _FROM_WIDER[number])
             order += self.next_order(ranked, motions - len(order), _FROM_WIDER[number])
-            rest -= len(order)
+            self._rest -= len(order)
             if number > 0 and ranked[0].misfit > _OPEN:
                 order += self._doubts()
             # what there was no time for leaves nothing settled
-            before = ranked[0] if self._do(order) else None
+            self._before = ranked[0] if self._do(order) else None
+            self._number += 1
+        return self._in_the_end()
+
+    def _weighed(self) -> tuple[list[Ranked], list[Ranked]]:
+        """What is believed so far, of effects alone, and with pairs of them."""
+        attribution = self.learn()
+        weighed = self.weigh(attribution, self.singles())
+        alone = ranked = believed(weighed)
+        if alone[0].misfit > _LEAVES_ROOM:
+            ranked = believed([*weighed, *self.weigh(attribution, self.promising_pairs(attribution, alone))])
+        return alone, ranked
+
+    def _in_the_end(self) -> tuple[Attribution, list[Ranked]]:
+        """What the library says of all that was looked at, with more effort."""
         attribution = self.learn()
         pairs = [h for h in attribution.emulators if len(h) == 2]
         weighed = self.weigh(attribution, [*self.singles(), *pairs], effort=2.0)
         best = max(each.log for each in weighed)
         gone = [replace(each, log=best + each.log) for each in self._ruled_out.values()]
         return attribution, believed([*weighed, *gone])
-
-    def _singly(self) -> tuple[Attribution, list[Weighed]]:
-        """What the library says so far, and by it of nothing and of every effect alone."""
-        attribution = self.learn()
-        return attribution, self.weigh(attribution, self.singles())
 
     def _doubts(self) -> Order:
         """What else may be wrong, from now on: values that were entered wrongly, each evenly."""
@@ -307,8 +342,8 @@ class Search:
             return False
         every: list[Hypothesis] = [(cause,) for cause in self.causes]
         part = self._first_seen(screening, self._seen_first, every)
-        attribution, weighed = part._singly()
-        pairs = part.promising_pairs(attribution, believed(weighed))
+        attribution = part.learn()
+        pairs = part.promising_pairs(attribution, believed(part.weigh(attribution, part.singles())))
         alone = dict.fromkeys((cause,) for pair in pairs for cause in pair)
         return self.bring_back([h for h in alone if h in self._ruled_out][:_BROUGHT_BACK])
 

@@ -253,16 +253,21 @@ def test_where_most_simulations_fail_more_time_is_no_advice() -> None:
         diagnose(TOY, recording((), OF_RECORDINGS), EFFORT, failing, 0)
 
 
-def motions_of(effects: Sequence[Named], seed: int = 0) -> int:
-    motions = 0
+class Counted:
+    """Observes the toy, and counts motions."""
 
-    def counted(draws: Sequence[Draw]) -> list[Observed]:
-        nonlocal motions
-        motions += len(draws)
+    def __init__(self) -> None:
+        self.motions = 0
+
+    def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
+        self.motions += len(draws)
         return TOY.observe(draws)
 
+
+def motions_of(effects: Sequence[Named], seed: int = 0) -> int:
+    counted = Counted()
     search(recording(effects, OF_RECORDINGS + seed), seed, counted).run()
-    return motions
+    return counted.motions
 
 
 def test_the_search_stops_when_it_is_sure_and_spends_what_it_was_given_when_it_is_not() -> None:
@@ -270,6 +275,18 @@ def test_the_search_stops_when_it_is_sure_and_spends_what_it_was_given_when_it_i
     for unsure in (one("strange", 3.0), one("aspect", 2.0)):
         assert 0.9 * EFFORT.search <= motions_of(unsure) <= 1.1 * EFFORT.search
     assert motions_of(one("left", 2.0)) < 0.75 * EFFORT.search
+
+
+def test_one_effect_that_leads_and_nearly_fits_is_looked_at_before_all_is_spent() -> None:
+    counted = Counted()
+    looking = search(recording((*one("left", 2.0), *one("strange", 2.0)), OF_RECORDINGS), 0, counted)
+    _, ranked = looking.until_one_leads()
+    assert ranked[0].hypothesis == (LEFT,)
+    assert looking.may_go_on
+    assert counted.motions < 0.75 * EFFORT.search
+    looking.go_on()
+    assert not looking.may_go_on
+    assert counted.motions >= 0.9 * EFFORT.search
 
 
 def test_a_quantile_is_where_so_much_of_the_weight_lies_below() -> None:
