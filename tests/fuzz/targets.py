@@ -275,6 +275,9 @@ class _HeardLine:
             raise NoAnswer(what_was_heard(request, heard))
         return answer
 
+    async def reopen(self) -> None:
+        """It is never lost."""
+
 
 async def _at_once(_: float) -> None:
     pass
