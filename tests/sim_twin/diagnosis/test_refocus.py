@@ -112,6 +112,14 @@ def test_without_time_what_the_search_found_stays() -> None:
     assert focus is None
 
 
+def test_rigs_that_tell_less_than_is_known_change_nothing() -> None:
+    # its own scatter is 0.07, of 3 and over the logarithm of 4: 0.02 of the cube
+    ranked = believed((LEFT,), np.log(2.9) / np.log(4), deviation=0.002)
+    found, focus = about(ranked, recording((("left", {"size": 3.0}),), RIG))
+    assert found is ranked
+    assert focus is None
+
+
 def test_fewer_blocks_say_less() -> None:
     measured = recording((("left", {"size": 3.0}),), RIG)
     _, focus = about(believed((LEFT,), np.log(2.8) / np.log(4)), measured)
