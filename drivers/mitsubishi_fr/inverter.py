@@ -67,6 +67,10 @@ class FrInverter:
         """By when a stop has ended or raised; 30 s and the ramps from the highest speed."""
         return self._open.longest_stop_s if self._open else HANGS_S
 
+    @property
+    def busy(self) -> bool:
+        return self._open is not None and self._open.motor.orders.under_way > 0
+
     def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
         """Return the time of a ramp by its parameters; 0 while it is closed."""
         per_hz = self.settings.rpm_per_hz

@@ -53,6 +53,10 @@ class SpeedDrive(Instrument, Protocol):
     def longest_stop_s(self) -> float:
         """By when a stop has ended or raised, in s since it was asked for; known after `open`."""
 
+    @property
+    def busy(self) -> bool:
+        """Whether an order is under way in a thread of its own, which goes on where the caller's hangs."""
+
     def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
         """Return the time in s that its ramp takes from one speed to another; known after `open`."""
 

@@ -91,7 +91,7 @@ class Motor:
         self._wanted_rpm = self._fastest_rpm = speed_rad_s * RPM_PER_RAD_S
         self._expect(self._wanted_rpm)
         self._kept_rpm = 0.0
-        self._ordering = False
+        self._ordered_s = self._busy_s = -math.inf
         self._notices: list[Notice] = []
         self._polls_s: list[tuple[float, float]] = []
         self._new_polls = False
@@ -106,8 +106,12 @@ class Motor:
 
     @property
     def longest_order_s(self) -> float:
-        """What the driver allows for an order on a disturbed line, while one is under way."""
-        return _ORDER_S if self._ordering else HUNG_S
+        """As long as the driver has been at an order, whose line may be disturbed, and the usual on top."""
+        if self._ordered_s == -math.inf:
+            return HUNG_S
+        if self._drive.busy:
+            self._busy_s = self._clock.monotonic_s()
+        return min(max(self._busy_s - self._ordered_s, 0.0) + HUNG_S, _ORDER_S)
 
     def with_drive(self, drive: CrankDrive) -> Motor:
         return Motor(self._drive, drive.speed, self._wait, self._measured_rpm, self._clock, self._proves)
@@ -158,7 +162,7 @@ class Motor:
 
     def check(self) -> None:
         """Raise what the inverter's driver found; tells it that somebody looks after the motor."""
-        self._ordering = False
+        self._ordered_s = -math.inf
         self._drive.check()
 
     def take_notices(self) -> tuple[Notice, ...]:
@@ -175,7 +179,7 @@ class Motor:
         return [base.polled(self._drive.name, request_s, reply_s)]
 
     def _order(self, order: Callable[[], _T]) -> _T:
-        self._ordering = True  # until somebody looks again
+        self._ordered_s = self._clock.monotonic_s()  # until somebody looks again
         return order()
 
     def _prove(self) -> None:

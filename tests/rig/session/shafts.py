@@ -49,6 +49,7 @@ class FakeDrive:
     warnings: tuple[str, ...] = ()
     longest_stop_s: float = 40.0
     step_rpm: float = STEP_RPM
+    busy: bool = False
     error: Exception | None = None
     told: list[tuple[object, ...]] = field(default_factory=list)
     notices: list[Notice] = field(default_factory=list)

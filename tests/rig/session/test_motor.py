@@ -48,6 +48,26 @@ def test_arming_sets_the_speed_and_moves_nothing() -> None:
     assert drive.output_rpm == 0.0
 
 
+def test_an_order_may_take_as_long_as_the_driver_is_at_it_and_whoever_gave_it_no_longer() -> None:
+    drive, allowed_s = FakeDrive(SteppedClock(), busy=True), list[float]()
+    moved = motor(drive)
+    moved.arm(soft=True)
+    for _ in range(8):  # the guard looks
+        drive.clock.sleep(0.5)
+        allowed_s.append(moved.longest_order_s)
+    assert allowed_s[:4] == pytest.approx([1.1, 1.6, 2.1, 2.6])
+    assert allowed_s[5:] == [3.0] * 3
+    moved.check()
+    moved.arm(soft=True)
+    drive.clock.sleep(0.5)
+    assert moved.longest_order_s == pytest.approx(1.1)
+    drive.busy = False  # it is done, and the sequence does not see it
+    drive.clock.sleep(0.5)
+    assert moved.longest_order_s == pytest.approx(1.1)
+    moved.check()
+    assert moved.longest_order_s == 0.6
+
+
 @pytest.mark.parametrize("slip", [0.0, 0.013, 0.03, -0.01])
 @pytest.mark.parametrize("rpm", [60.0, 200.0])
 def test_the_shaft_turns_as_wanted_within_half_a_step_of_the_inverter(slip: float, rpm: float) -> None:
