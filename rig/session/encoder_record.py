@@ -106,6 +106,7 @@ class EncoderRecord:
 
     def __enter__(self) -> EncoderRecord:
         self._encoder.start()
+        self._due_s = self._base.now_s() + HANGS_S  # also the first: its thread may hang before them
         self._thread.start()
         return self
 
@@ -141,7 +142,7 @@ class EncoderRecord:
 
     @property
     def hangs(self) -> bool:
-        """Whether positions that came once come no more, or nobody makes anything of them."""
+        """Whether no positions come, or nobody makes anything of them."""
         return self._base.now_s() > self._due_s
 
     def check(self) -> None:

@@ -20,7 +20,7 @@ from drivers.protocols.encoder import Emergency, PositionBlock, PositionGap, Pos
 from drivers.protocols.instrument import Notice
 from rig.session import encoder_record
 from rig.session.acquisition import AcquisitionFault
-from rig.session.encoder_record import ENCODER_CHANNEL, EncoderRecord
+from rig.session.encoder_record import ENCODER_CHANNEL, HANGS_S, EncoderRecord
 from rig.session.interlock import guards_of_shaft
 from rig.stream import Stream
 from tests.rig.session.fakes import Kept
@@ -133,6 +133,15 @@ class Lab:
             self.advance(blocks)
             self.end()
         return self.kept.blocks(ENCODER_CHANNEL)
+
+
+def test_an_encoder_of_which_no_position_ever_comes_hangs() -> None:
+    lab = Lab()
+    with lab.record:
+        assert not lab.record.hangs
+        lab.clock.now_s += HANGS_S + 0.1
+        assert lab.record.hangs
+        lab.end()
 
 
 def test_the_record_is_every_position_between_its_start_and_its_end() -> None:
