@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,8 +19,6 @@ from sim_twin.diagnosis.subject import Execute
 
 Array = NDArray[np.float64]
 _NEAREST = 12
-_TOLD_BY_ONE = 2
-"""Parameters that a round of rigs tells; for more of one effect there are more rigs."""
 _OPEN = 0.2
 """Probability of something unknown from which on more is looked for beside what was found, and below which
 what comes of that is believed."""
@@ -53,11 +50,9 @@ class Explaining:
     def explained(self, ranked: Ranked) -> Explanation:
         """What rigs about it leave, its parameters being those that they tell."""
         search = self.search
-        parameters = sum(len(cause.parameters) for cause in ranked.hypothesis)
-        times = max(1, len(ranked.hypothesis), math.ceil(parameters / _TOLD_BY_ONE))
         best, focus = refocused(
             ranked, search.measured, self.attribution.moments, search.told,
-            times * self.rigs, self.execute, self.rng,
+            self.rigs * max(1, len(ranked.hypothesis)), self.execute, self.rng,
         )  # fmt: skip
         like = self._like(best, focus)
         healthy = not best.hypothesis
