@@ -86,6 +86,7 @@ threading.Thread._set_native_id = named
 runpy.run_module("rig.start", run_name="__main__", alter_sys=True)
 """
 """A run whose threads carry their names, of which Linux keeps 15 letters, for whoever looks from outside."""
+_STYLE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 _LIMIT = '[limits."{channel}"]\nabort = "{level}"\n'
 
 
@@ -453,7 +454,8 @@ def tries_of(
         try:
             return once(drive, way, Random(seed))  # noqa: S311
         except EndedBefore as error:
-            print(f"{drive} {way}: ended before: {str(error).strip().splitlines()[-1:]}", flush=True)
+            last = _STYLE.sub("", str(error)).strip().splitlines()[-1:]
+            print(f"{drive} {way}: ended before: {''.join(last)}", flush=True)
             return None
 
     with ThreadPoolExecutor(beside) as pool:
