@@ -128,9 +128,12 @@ def test_a_gateway_that_loses_its_drive_is_a_lost_device_and_the_watchdog_does_t
     async def work(bench: Bench) -> None:
         await bench.run_at(HZ)
         bench.drive.put_faults(DriveFaults(exceptions={fr.STATUS_AND_COMMAND.number: (0x0B, 10_000)}))
+        before = len(bench.line.writes())
         assert isinstance(await latched(bench, 0.5), DeviceLost)
+        await bench.wait(0.1)
+        assert bench.line.writes()[before:] == [STOP] * WITHDRAWALS
         sent = len(bench.line.sent)
-        await bench.wait(bench.motor.parameters.watchdog_s + RAMP_S + 0.1)
+        await bench.wait(bench.motor.parameters.watchdog_s + RAMP_S)
         assert len(bench.line.sent) == sent
         assert bench.load.at(bench.loop.time()) == 0.0
 
