@@ -55,6 +55,9 @@ from rig.session.progress import Screen, Terminal
 from rig.twin.chains import declared_by
 
 SCENARIOS: Final = ("impact_beam", "planar_slider_crank", "spatial_slider_crank")
+_HANGS_ON: Final = ("rig.diagnosis.health", "rig.rigs", "rig.emulated_rig", "rig.emulation", "drivers.ni_daq")
+_BESIDE: Final = ("benchmarks/declared_chains.py", *(f"rig/rigs/{rig}.toml" for rig in SCENARIOS))
+"""Modules that the results hang on, with what they import, and files."""
 TRIMMED: Final = 2e-4
 """Standard deviation of a speed from the one that is asked for, of a healthy run."""
 BLOCK_S, SETTLE_S, LONGEST_S = 0.1, 3.0, 20.0
@@ -257,7 +260,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", choices=SCENARIOS)
     asked = parser.parse_args(arguments)
     os.environ["XDG_CACHE_HOME"] = str(asked.folder)  # the bands of undeclared and usual benches stay there
-    results = Results(asked.folder, made_by(("rig.diagnosis.health", "rig.rigs", "drivers.ni_daq")))
+    results = Results(asked.folder, made_by(_HANGS_ON, files=_BESIDE))
     names = {number: f"{number:02d}_{asked.rigs}_rigs_seed_{asked.seed}" for number in range(asked.benches)}
     open_ones = [
         number

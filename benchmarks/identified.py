@@ -355,15 +355,20 @@ STEPS: Final = {"rigs": identify_rig, "effects": diagnose_effect, "healthy": jud
 _IDENTIFIED: Final = ("rig.commands.identify", "rig.diagnosis.health", "rig.rigs")
 _HANGS_ON: Final = {
     "rigs": _IDENTIFIED,
-    "effects": (*_IDENTIFIED, "rig.diagnosis.diagnose_runs"),
-    "healthy": ("rig.diagnosis.calibration", "rig.diagnosis.health", "rig.rigs"),
+    "effects": (*_IDENTIFIED, "rig.commands.diagnose"),
+    "healthy": ("rig.commands.diagnose", "rig.rigs"),
 }
 """Of each step the modules that its results hang on, with what they import."""
+_BESIDE: Final = (
+    "benchmarks/identified.py",
+    "rig/diagnosis/diagnose_runs.py",  # `rattle gap` is its own part of it
+    *(f"rig/rigs/{rig}.toml" for rig in FREE),
+)
 
 
 def results_in(folder: Path) -> dict[str, Results]:
     """Those of each step that this program made."""
-    return {step: Results(folder, made_by(_HANGS_ON[step], ("benchmarks/blind",))) for step in STEPS}
+    return {step: Results(folder, made_by(_HANGS_ON[step], ("benchmarks/blind",), _BESIDE)) for step in STEPS}
 
 
 def score(results: Mapping[str, Results]) -> bool:

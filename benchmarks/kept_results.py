@@ -22,8 +22,8 @@ _DIGITS = 12
 _PACKAGES = ("daq", "drivers", "rig", "sim_twin")
 
 
-def made_by(modules: Iterable[str], folders: Iterable[str] = ()) -> str:
-    """A digest of the sources of modules, or packages, with all of ours that they import, and of folders.
+def made_by(modules: Iterable[str], folders: Iterable[str] = (), files: Iterable[str] = ()) -> str:
+    """A digest of the sources of modules, or packages, with all of ours that they import, folders and files.
 
     So that a change of what a result does not hang on costs it nothing. What is imported by its name in a
     table has to be named.
@@ -33,6 +33,8 @@ def made_by(modules: Iterable[str], folders: Iterable[str] = ()) -> str:
         needed |= {each, *graph.find_upstream_modules(each)}
     sources = [(name, _source(name).read_bytes()) for name in sorted(needed)]
     digest = hashlib.sha256(repr(sources).encode())
+    for file in files:
+        digest.update((ROOT / file).read_bytes())
     for folder in folders:
         digest.update(sources_of(str(ROOT / folder / "__init__.py")).encode())
     return digest.hexdigest()[:_DIGITS]

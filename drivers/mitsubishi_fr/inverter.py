@@ -69,7 +69,7 @@ class FrInverter:
 
     @property
     def busy(self) -> bool:
-        return self._open is not None and self._open.motor.orders.under_way > 0
+        return self._open is not None and self._open.at_work > 0
 
     def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
         """Return the time of a ramp by its parameters; 0 while it is closed."""
@@ -162,6 +162,7 @@ class _Open:
     def __init__(self, settings: InverterSettings, clock: Clock, notices: Notices) -> None:
         self._settings, self._clock = settings, clock
         self._loop = asyncio.new_event_loop()
+        self.at_work = 0  # what callers wait for, as the loop's thread counts it
         # A loop and a thread of its own: polls go on while the caller is busy elsewhere.
         self._thread = threading.Thread(target=self._loop.run_forever, name=settings.name, daemon=True)
         self.line = SerialLine(settings, clock.monotonic_s)
@@ -195,6 +196,13 @@ class _Open:
         finally:
             self.line.close()
 
+    async def _counted(self, work: Coroutine[Any, Any, _T]) -> _T:
+        self.at_work += 1
+        try:
+            return await work
+        finally:
+            self.at_work -= 1
+
     def order(self, order: Callable[[float], Coroutine[Any, Any, _T]]) -> _T:
         """Give an order that is void 3 s from now."""
         return self.run(self.poller.order(order(self._clock.monotonic_s() + ORDER_S)), 2.0 * ORDER_S)
@@ -207,7 +215,7 @@ class _Open:
 
         Raises InstrumentSilent where that is `late`; the poller's stops go on then.
         """
-        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        future = asyncio.run_coroutine_threadsafe(self._counted(work), self._loop)
         name, address = self._settings.name, self._settings.port
         try:
             return future.result(within_s)

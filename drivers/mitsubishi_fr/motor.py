@@ -24,6 +24,7 @@ OBEY_GRACE_S = 0.5  # on top of 1.5 ramps: polls, and the drive's own 20 ms
 RAMP_MARGIN = 1.5  # of a ramp's time, before it counts as overrun
 STANDSTILL_HZ = 0.05  # five steps of the output frequency, which is read in 0.01 Hz
 RUNS_ABOVE_HZ = 1.0  # the RUN signal comes with Pr.13, 0.5 Hz unless somebody changed it
+RECONNECT_S = 0.4  # what a lost line is given to come back, below any watchdog's patience
 WITHDRAWALS = 3  # tries; then silence, and the drive's own watchdog
 LOOK_AGAIN_S = 0.02  # the drive's own 20 ms again
 NOT_OBEYED = "not obeyed"
@@ -323,7 +324,7 @@ class Motor:
         """Send that until it is seen to run no more."""
         self.orders.run = False
         self._expect_ramp()
-        why = "it still runs"
+        why, reconnect_by_s = "it still runs", self._clock.monotonic_s() + RECONNECT_S
         for _ in range(WITHDRAWALS):
             try:
                 await self._talk.command(fr.STATUS_AND_COMMAND, Command.STOP, self._soon())
@@ -340,8 +341,9 @@ class Motor:
                     return
             except InstrumentError as error:
                 why = str(error)
-                if isinstance(error, DeviceLost):
-                    await self._talk.reconnect()
+                if isinstance(error, DeviceLost) and self._clock.monotonic_s() < reconnect_by_s:
+                    await self._talk.reconnect()  # a host that does not answer takes seconds: no second time
+                    await asyncio.sleep(LOOK_AGAIN_S)
         # Whatever is sent restarts the watchdog, which is all that can stop it now.
         self._talk.hush()
         raise InstrumentSilent(

@@ -55,7 +55,7 @@ class SpeedDrive(Instrument, Protocol):
 
     @property
     def busy(self) -> bool:
-        """Whether an order is under way in a thread of its own, which goes on where the caller's hangs."""
+        """Whether it is at what a caller waits for; always, where that cannot be told from one that hangs."""
 
     def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
         """Return the time in s that its ramp takes from one speed to another; known after `open`."""

@@ -30,7 +30,7 @@ class ScpiSupply(ScpiSource):
     """
 
     warnings: tuple[str, ...] = ()
-    busy = False
+    busy = True
 
     def __init__(self, config: SupplySettings, off_first: bool = False, clock: Clock | None = None) -> None:
         super().__init__(config.name, config.resource, config.timeout_s, _LOOKS, off_first)

@@ -93,7 +93,6 @@ class Acquisition:
         doubt = self.base.start(self._card.start, self._card.started_s)
         if doubt:
             self._event("warning", "clock.stamp_ignored", f"{self._card.name} {doubt}")
-        self._due_s = self._clock.monotonic_s() + _READS_S  # its thread may hang before its first reading
         self._thread.start()
         return self
 

@@ -543,8 +543,8 @@ class DrivenRig:
         """Who hangs by now, while it moves."""
         if not self._moves:  # at rest a slow disk or a person may take their time
             return ""
-        if self.watch.hangs(self.motion.longest_order_s):
-            return f"the sequence looked at nothing for {self.motion.longest_order_s:g} s"
+        if self.watch.hangs(longest_s := self.motion.longest_order_s):
+            return f"the sequence looked at nothing for {longest_s:.1f} s"
         return "the acquisition took too long for a reading" if self.acquisition.hangs else ""
 
     def _look(self, reading: CardReading) -> None:

@@ -179,7 +179,8 @@ class Motor:
         return [base.polled(self._drive.name, request_s, reply_s)]
 
     def _order(self, order: Callable[[], _T]) -> _T:
-        self._ordered_s = self._clock.monotonic_s()  # until somebody looks again
+        if self._ordered_s == -math.inf:  # until somebody looks again
+            self._ordered_s = self._clock.monotonic_s()
         return order()
 
     def _prove(self) -> None:

@@ -68,8 +68,8 @@ class Effort:
 
     @property
     def most(self) -> int:
-        """With another search, beside what was found, and values that may have been entered wrongly."""
-        return self.motions + self.search + self.doubts
+        """With another search, beside what was found, judged anew, and values that may be entered wrongly."""
+        return 2 * self.motions + self.doubts
 
 
 def effort_for(campaign: Campaign, budget_s: float) -> Effort:

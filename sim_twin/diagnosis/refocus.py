@@ -33,6 +33,8 @@ _STEP = 0.003
 """Of the range, by which places are moved besides: a posterior has few."""
 _NARROWED = 0.7
 """Share of its deviation that a parameter has after a round, below which another round tells more."""
+_ALIKE = 2.0
+"""Deviations by which two answers may differ by chance."""
 _MARGIN = 0.05
 """Of the range that the rigs fill, beyond which nothing is said."""
 _TRIES = 20
@@ -116,18 +118,22 @@ def refocused(
             break
         before, about = _deviations(ranked), _focused(ranked.hypothesis, rigs, moments, rng)
         found = replace(ranked, posterior=about.posterior(measured, worth, rng))
-        after = _deviations(found)
-        if np.all(after > before):
-            break
+        after, moved = _deviations(found), np.abs(_middle(found) - _middle(ranked))
+        if np.all(after > before / _NARROWED) and np.all(moved < _ALIKE * after):
+            break  # they tell less than is known, and nothing else
         ranked, focus = found, about
         if np.all(after > _NARROWED * before):
             break
     return ranked, focus
 
 
+def _middle(ranked: Ranked) -> Array:
+    return np.asarray(ranked.posterior.weights @ ranked.posterior.places)
+
+
 def _deviations(ranked: Ranked) -> Array:
     places, weights = ranked.posterior.places, ranked.posterior.weights
-    return np.asarray(np.sqrt(weights @ (places - weights @ places) ** 2))
+    return np.asarray(np.sqrt(weights @ (places - _middle(ranked)) ** 2))
 
 
 @dataclass(frozen=True, slots=True)

@@ -187,40 +187,38 @@ class Search:
     def __post_init__(self) -> None:
         self.causes = self.causes or self.subject.causes
 
-    def run(self) -> tuple[Attribution, list[Ranked]]:
-        """Spend the motions, as far as they tell; the most probable hypothesis comes first."""
-        self._rest = max(0, self.motions - self._first_look())
-        return self._rounds(_FITS)
-
     def until_one_leads(self) -> tuple[Attribution, list[Ranked]]:
-        """The same, but for what is left once one effect leads that nearly fits.
+        """Spend the motions, as far as they tell, or until one effect leads that nearly fits.
 
-        Rigs about it tell more of it than further rounds: responses as sharp as a resonance lie between those
-        that were simulated.
+        Rigs about that one tell more of it than further rounds: responses as sharp as a resonance lie between
+        those that were simulated. The most probable hypothesis comes first.
         """
         self._rest = max(0, self.motions - self._first_look())
-        return self._rounds(_NEARLY_FITS)
+        return self._rounds(doubtful=False)
 
     def go_on(self) -> tuple[Attribution, list[Ranked]]:
         """Spend what is left, until what leads fits as well."""
-        return self._rounds(_FITS)
+        return self._rounds(doubtful=True)
 
     @property
     def may_go_on(self) -> bool:
-        """Whether what leads does not fit, and there is something left to spend."""
-        leading = self._leading
-        return leading is not None and leading.misfit > _FITS and self._number < len(_REFINED)
+        """Whether what leads may be something else, and there is something left to spend."""
+        leading, most = self._leading, _OPEN if self._ruled_out else _FITS
+        return leading is not None and leading.misfit > most and self._number < len(_REFINED)
 
-    def _rounds(self, one_fits: float) -> tuple[Attribution, list[Ranked]]:
-        """Round by round what is left, until what leads fits; of one effect alone, up to `one_fits`."""
+    def _rounds(self, doubtful: bool) -> tuple[Attribution, list[Ranked]]:
+        """Round by round what is left, until what leads fits; nearly, of one effect not `doubtful`."""
         while self._number < len(_REFINED):
             number = self._number
             motions = int(self._rest * _REFINED[number] / sum(_REFINED[number:]))
             alone, ranked = self._weighed()
+            if doubtful and self._brings_back(ranked[0]):
+                alone, ranked = self._weighed()
             leading = self._leading = ranked[0] if _leads(ranked, self._before) else None
-            if leading and leading.misfit <= (one_fits if len(leading.hypothesis) == 1 else _FITS):
+            nearly = not doubtful and leading is not None and len(leading.hypothesis) == 1
+            if leading and leading.misfit <= (_NEARLY_FITS if nearly else _FITS):
                 break
-            if number > 0 and ranked[0].misfit > _OPEN and self._bring_back():
+            if self._brings_back(ranked[0]):
                 alone, ranked = self._weighed()
             order = Order()
             if number == _PARTNERS_IN and alone[0].misfit > _NEEDS_PARTNER:
@@ -334,6 +332,10 @@ class Search:
             library=library,
             told=tuple(self.told[run] for run in runs) if self.told else (),
         )
+
+    def _brings_back(self, best: Ranked) -> bool:
+        """Whether the first round left the best open, and what was ruled out is there again."""
+        return self._number > 0 and best.misfit > _OPEN and self._bring_back()
 
     def _bring_back(self) -> bool:
         """Look at all runs for what may be beside others, though it was ruled out by itself."""

@@ -12,7 +12,7 @@ from sim_twin.diagnosis.findings import Findings
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
-from tests.sim_twin.diagnosis.toy import CAUSES, LEFT, LENGTH, Toy, recording
+from tests.sim_twin.diagnosis.toy import CAUSES, LEFT, LENGTH, Toy, recording, spent
 
 EFFORT = Effort(220, 24)
 DOUBTING = Toy(doubts=(LENGTH,))
@@ -83,7 +83,7 @@ def test_one_that_is_looked_at_beside_what_was_found_is_known_by_itself() -> Non
     rng = np.random.default_rng(0)
     measured = recording([("left", {"size": 2.5})], RIG)
     search = Search(subject, measured, subject.observe, rng, Library(), EFFORT.search, doubting=False)
-    search.run()
+    spent(search)
     assert not search.doubt()
     search.doubting = True
     assert search.doubt()

@@ -26,7 +26,7 @@ from sim_twin.diagnosis.judging import (
 from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
-from tests.sim_twin.diagnosis.toy import BLOCKS, DIRECTIONS, GAIN, LEFT, RIGHT, Toy, recording
+from tests.sim_twin.diagnosis.toy import BLOCKS, DIRECTIONS, GAIN, LEFT, RIGHT, Toy, recording, spent
 
 TOY = Toy()
 RIG = 10**6
@@ -37,7 +37,7 @@ LEFT_2 = (("left", {"size": 2.0}),)
 def searched() -> tuple[Attribution, list[Ranked], Library]:
     library = Library()
     search = Search(TOY, recording(LEFT_2, RIG), TOY.observe, np.random.default_rng(0), library, 220)
-    return (*search.run(), library)
+    return (*spent(search), library)
 
 
 @cache
@@ -136,7 +136,7 @@ def test_what_is_left_open_of_a_parameter_widens_the_interval_of_the_shrink() ->
         np.log(fit.values()[:, 0]).std() * (best + 0.2 * best**2) * np.sqrt(np.mean(DIRECTIONS["left"] ** 2))
     )
     # of eight seeds 1.06 to 1.32 of it: lines through a few rigs of a response that is bent
-    assert np.sqrt(np.mean(moved["open"].var(axis=0))) == pytest.approx(size, rel=0.4)
+    assert 0.95 < np.sqrt(np.mean(moved["open"].var(axis=0))) / size < 1.45
     measured = recording(LEFT_2, RIG, 6)
     widths = [
         np.ptp(

@@ -17,7 +17,7 @@ from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.effects import Parameter
 from tests.sim_twin.diagnosis.test_arguments import HALF, RIG, TwoRuns
-from tests.sim_twin.diagnosis.toy import CAUSES, GAIN, LEFT, RIGHT, recording
+from tests.sim_twin.diagnosis.toy import CAUSES, GAIN, LEFT, RIGHT, recording, spent
 
 MOTIONS = 260
 
@@ -54,7 +54,7 @@ def searched(
 
     rng = np.random.default_rng(seed)
     looking = Search(subject, recording(effects, RIG + seed), counted, rng, Library(), MOTIONS)
-    return looking.run()[1], asked
+    return spent(looking)[1], asked
 
 
 def one(name: str, size: float) -> tuple[Named, ...]:

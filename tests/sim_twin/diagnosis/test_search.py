@@ -15,7 +15,7 @@ from sim_twin.diagnosis.library import FEWEST, Library
 from sim_twin.diagnosis.search import Ranked, Search, quantile
 from sim_twin.diagnosis.subject import Draw, Execute, Named, Observed
 from sim_twin.diagnosis.where import NOT_KNOWN
-from tests.sim_twin.diagnosis.toy import BLOCKS, CAUSES, GAIN, LEFT, Blocks, Toy, recording
+from tests.sim_twin.diagnosis.toy import BLOCKS, CAUSES, GAIN, LEFT, Blocks, Toy, recording, spent
 
 EFFORT = Effort(220, 24)
 TOY = Toy()
@@ -63,7 +63,7 @@ def test_a_single_effect_is_found_with_its_size_and_closes_the_gap(name: str, si
 
 @pytest.mark.long
 def test_an_effect_of_a_sensor_is_found_on_its_channel() -> None:
-    _, ranked = search(recording(one("gain", 2.0), OF_RECORDINGS), 0).run()
+    _, ranked = spent(search(recording(one("gain", 2.0), OF_RECORDINGS), 0))
     assert ranked[0].hypothesis == (GAIN,)
     assert ranked[0].probability > 0.95
     assert ranked[0].best()[0] == pytest.approx(2.0, abs=0.4)
@@ -165,7 +165,7 @@ def test_probabilities_add_up_and_every_effect_is_judged_once(
 
 
 def test_intervals_of_95_percent_hold_the_truth() -> None:
-    attribution, _ = search(recording(one("left", 2.0), OF_RECORDINGS), 0).run()
+    attribution, _ = spent(search(recording(one("left", 2.0), OF_RECORDINGS), 0))
     rng = np.random.default_rng(5)
     held, widths = 0, []
     for case in range(40):
@@ -266,7 +266,7 @@ class Counted:
 
 def motions_of(effects: Sequence[Named], seed: int = 0) -> int:
     counted = Counted()
-    search(recording(effects, OF_RECORDINGS + seed), seed, counted).run()
+    spent(search(recording(effects, OF_RECORDINGS + seed), seed, counted))
     return counted.motions
 
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.fingerprint import SLICES, Layout, of_cycles
+from sim_twin.diagnosis.search import Ranked, Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.effects import Parameter
 
@@ -63,6 +65,12 @@ def response(effects: Sequence[Named], interplay: float = 0.0) -> NDArray[np.flo
 def shown(means: NDArray[np.float64]) -> Blocks:
     """Fingerprints of blocks: each cell a distribution about its mean."""
     return (means[:, :, None] + _SPREAD).reshape(len(means), CELLS * SLICES).astype(np.float32)
+
+
+def spent(search: Search) -> tuple[Attribution, list[Ranked]]:
+    """What a search comes to that spends what it may."""
+    found = search.until_one_leads()
+    return search.go_on() if search.may_go_on else found
 
 
 def recording(effects: Sequence[Named], seed: int, blocks: int = BLOCKS, interplay: float = 0.0) -> Blocks:
