@@ -55,7 +55,15 @@ from rig.session.progress import Screen, Terminal
 from rig.twin.chains import declared_by
 
 SCENARIOS: Final = ("impact_beam", "planar_slider_crank", "spatial_slider_crank")
-_HANGS_ON: Final = ("rig.diagnosis.health", "rig.rigs", "rig.emulated_rig", "rig.emulation", "drivers.ni_daq")
+_HANGS_ON: Final = (
+    "rig.diagnosis.health",
+    "rig.emulated_rig",
+    "rig.emulation",
+    "rig.files",
+    "rig.rigs",
+    "sim_twin.rigs",
+    "drivers.ni_daq",
+)
 _BESIDE: Final = ("benchmarks/declared_chains.py", *(f"rig/rigs/{rig}.toml" for rig in SCENARIOS))
 """Modules that the results hang on, with what they import, and files."""
 TRIMMED: Final = 2e-4

@@ -352,13 +352,13 @@ def _learnt(case: Case, point: Sequence[PointOfRun], budget_s: float) -> Path:
 
 
 STEPS: Final = {"rigs": identify_rig, "effects": diagnose_effect, "healthy": judge_healthy}
-_IDENTIFIED: Final = ("rig.commands.identify", "rig.diagnosis.health", "rig.rigs")
+_BY_NAME: Final = ("rig.rigs", "sim_twin.rigs", "rig.files", "drivers.ni_daq")
 _HANGS_ON: Final = {
-    "rigs": _IDENTIFIED,
-    "effects": (*_IDENTIFIED, "rig.commands.diagnose"),
-    "healthy": ("rig.commands.diagnose", "rig.rigs"),
+    "rigs": ("rig.commands.identify", "rig.diagnosis.health", *_BY_NAME),
+    "effects": ("rig.commands.identify", "rig.commands.diagnose", *_BY_NAME),
+    "healthy": ("rig.commands.diagnose", *_BY_NAME),
 }
-"""Of each step the modules that its results hang on, with what they import."""
+"""Of each step the modules that its results hang on, with what they import; some are imported by name."""
 _BESIDE: Final = (
     "benchmarks/identified.py",
     "rig/diagnosis/diagnose_runs.py",  # `rattle gap` is its own part of it

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from benchmarks import declared_chains, kept_results
-from benchmarks.identified import FREE, RIGS_A_KIND, score
+from benchmarks.identified import FREE, RIGS_A_KIND, results_in, score
 from benchmarks.kept_results import Results, made_by
 
 DIGEST = "0123456789ab"
@@ -134,6 +134,25 @@ def test_a_result_hangs_on_what_is_imported_and_on_nothing_else(
             kept_results, "_source", lambda name, of=module: edited if name == of else source(name)
         )
         assert (made_by(("rig.diagnosis.health",)) != before[0]) == counts
+
+
+@pytest.mark.parametrize(
+    ("module", "steps"),
+    [
+        ("sim_twin.diagnosis.search", {"effects", "healthy"}),
+        ("rig.diagnosis.lab", {"effects", "healthy"}),
+        ("sim_twin.rigs.impact_beam.lanes", {"rigs", "effects", "healthy"}),
+        ("rig.live.page_server", set[str]()),
+    ],
+)
+def test_a_step_hangs_on_what_its_commands_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, steps: set[str]
+) -> None:
+    before = {step: each.digest for step, each in results_in(tmp_path).items()}
+    source, edited = kept_results._source, tmp_path / "edited.py"
+    edited.write_text("")
+    monkeypatch.setattr(kept_results, "_source", lambda name: edited if name == module else source(name))
+    assert {step for step, each in results_in(tmp_path).items() if each.digest != before[step]} == steps
 
 
 def bench(verdict: str, declared: str = "within") -> dict[str, Any]:

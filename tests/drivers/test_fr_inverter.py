@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import multiprocessing
 import signal
@@ -21,7 +22,9 @@ from drivers.emulator_process import EmulatedInstrument
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, InverterSetup
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS, LineFaults
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, start_inverter
+from drivers.mitsubishi_fr.frames import READ, Request
 from drivers.mitsubishi_fr.inverter import FrInverter, _Open
+from drivers.mitsubishi_fr.line import SerialLine
 from drivers.mitsubishi_fr.registers import FAULTS, MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_BLOCK
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings
 from drivers.protocols.speed_drive import MotorOutput, SpeedDrive
@@ -317,3 +320,31 @@ def test_a_foreign_device_without_a_register_is_told_which() -> None:
     told = pytest.raises(InstrumentRefused, match=r"exception 02 .* at 41122 .Pr\.122 PU communication")
     with PlainServer(registers) as peer, told:
         FrInverter(settings_for(peer.port)).open()
+
+
+def test_a_line_that_its_other_end_has_dropped_is_opened_anew_and_one_that_stands_is_left() -> None:
+    taken = list[asyncio.StreamWriter]()
+
+    async def take(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        taken.append(writer)
+
+    async def work() -> None:
+        server = await asyncio.start_server(take, "127.0.0.1", 0)
+        port = server.sockets[0].getsockname()[1]
+        line = SerialLine(settings_for(f"socket://127.0.0.1:{port}"), time.monotonic)
+        await line.open()
+        await line.reopen()
+        await asyncio.sleep(0.1)
+        assert len(taken) == 1
+        taken[0].close()
+        await asyncio.sleep(0.1)
+        with pytest.raises(DeviceLost):
+            await line.ask(Request(1, READ, STATUS_BLOCK.address, STATUS_BLOCK.count))
+        await line.reopen()
+        await asyncio.sleep(0.1)
+        assert len(taken) == 2
+        line.close()
+        taken[1].close()
+        server.close()
+
+    asyncio.run(work())
