@@ -71,13 +71,14 @@ class Conversation:
         """Send nothing from now on, so that the drive's watchdog stops it."""
         self._hushed = True
 
-    async def reconnect(self) -> None:
-        """Connect anew where the line is lost, as a gateway may be back at once; who is not, stays lost."""
+    async def reconnect(self) -> bool:
+        """Connect anew where the line is lost, as a gateway may be back at once; whether it is now."""
         async with self._turn:
             if not self._hushed:
                 self._in_doubt = True
                 with suppress(InstrumentAbsent):
-                    await self._line.reopen()
+                    return await self._line.reopen()
+        return False
 
     async def read(self, block: Block, expires_s: float) -> tuple[int, ...]:
         """Return the raw registers of a block; asked again once."""

@@ -72,8 +72,8 @@ class Line(Protocol):
     async def ask(self, request: Request) -> Answer:
         """Send once and return the answer. Raises `NoAnswer`, `DeviceLost`."""
 
-    async def reopen(self) -> None:
-        """Connect anew where the connection is lost. Raises `InstrumentAbsent`."""
+    async def reopen(self) -> bool:
+        """Connect anew where the connection is lost; whether it was. Raises `InstrumentAbsent`."""
 
 
 class SerialLine:
@@ -112,10 +112,12 @@ class SerialLine:
         port = getattr(getattr(self._client.ctx.transport, "sync_serial", None), "_socket", None)
         self._socket = port if isinstance(port, socket.socket) else None
 
-    async def reopen(self) -> None:
-        if self._client is None or not self._client.connected:
-            self.close()
-            await self.open()
+    async def reopen(self) -> bool:
+        if self._client is not None and self._client.connected:
+            return False
+        self.close()
+        await self.open()
+        return True
 
     def close(self) -> None:
         """Give the port back. Never raises."""

@@ -341,9 +341,10 @@ class Motor:
                     return
             except InstrumentError as error:
                 why = str(error)
-                if isinstance(error, DeviceLost) and self._clock.monotonic_s() < reconnect_by_s:
-                    await self._talk.reconnect()  # a host that does not answer takes seconds: no second time
-                    await asyncio.sleep(LOOK_AGAIN_S)
+                lost = isinstance(error, DeviceLost) and self._clock.monotonic_s() < reconnect_by_s
+                # a host that does not answer takes seconds: no second time
+                if lost and not await self._talk.reconnect():
+                    await asyncio.sleep(RECONNECT_S / WITHDRAWALS)
         # Whatever is sent restarts the watchdog, which is all that can stop it now.
         self._talk.hush()
         raise InstrumentSilent(

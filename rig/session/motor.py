@@ -107,11 +107,12 @@ class Motor:
     @property
     def longest_order_s(self) -> float:
         """As long as the driver has been at an order, whose line may be disturbed, and the usual on top."""
-        if self._ordered_s == -math.inf:
+        ordered_s = self._ordered_s  # the guard asks, while the sequence sets it
+        if ordered_s == -math.inf:
             return HUNG_S
         if self._drive.busy:
             self._busy_s = self._clock.monotonic_s()
-        return min(max(self._busy_s - self._ordered_s, 0.0) + HUNG_S, _ORDER_S)
+        return min(max(self._busy_s - ordered_s, 0.0) + HUNG_S, _ORDER_S)
 
     def with_drive(self, drive: CrankDrive) -> Motor:
         return Motor(self._drive, drive.speed, self._wait, self._measured_rpm, self._clock, self._proves)

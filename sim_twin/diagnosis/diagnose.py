@@ -13,7 +13,7 @@ from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Belief, belief_of, contributions, of_a_part
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.cause import Cause, Hypothesis, effects_of, is_effect, named, parts_of
-from sim_twin.diagnosis.explanation import Explaining
+from sim_twin.diagnosis.explanation import Explaining, Explanation
 from sim_twin.diagnosis.findings import Entered, Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
 from sim_twin.diagnosis.judging import (
@@ -105,13 +105,8 @@ def diagnose(
     measure = gap_measure(library.fingerprints(()), subject.layout)
     rigs = max(_FEWEST_ABOUT, effort.judge // 3)
     explaining = Explaining(search, attribution, measure, rigs, judging, rng)
-    at_first = explaining.explained(of_a_part(ranked, searching.share)[0])
-    if search.may_go_on and explaining.leaves_open(at_first):
-        attribution, ranked = search.go_on()
-        explaining = replace(explaining, attribution=attribution)
-        at_first = explaining.explained(of_a_part(ranked, searching.share)[0])
-    searched = searching.share
-    ranked = of_a_part(ranked, searched)
+    explaining, ranked, at_first = _looked_at(explaining, ranked, searching)
+    attribution, searched = explaining.attribution, searching.share
     explanation = explaining.completed(at_first)
     known = search.bring_back([(cause,) for cause in explanation.best.hypothesis])
     if known or explanation.best.hypothesis != ranked[0].hypothesis:  # values may have been doubted meanwhile
@@ -188,6 +183,19 @@ class _Counted:
         self.done += sum(bool(each) for each in shown)
         self.observations += sum(one is not None for each in shown for one in each)
         return shown
+
+
+def _looked_at(
+    explaining: Explaining, ranked: Sequence[Ranked], searching: _Counted
+) -> tuple[Explaining, list[Ranked], Explanation]:
+    """What leads, by rigs about it; where these leave it open, what leads once the search has gone on."""
+    believed = of_a_part(ranked, searching.share)
+    found, search = explaining.explained(believed[0]), explaining.search
+    if not (search.may_go_on and explaining.leaves_open(found)):
+        return explaining, believed, found
+    attribution, ranked = search.go_on()
+    explaining, believed = replace(explaining, attribution=attribution), of_a_part(ranked, searching.share)
+    return explaining, believed, explaining.explained(believed[0])
 
 
 def _runner_up(

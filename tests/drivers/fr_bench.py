@@ -134,10 +134,11 @@ class VirtualLine:
         self.health.note_failure(what_was_heard(request, heard))
         raise NoAnswer(what_was_heard(request, heard))
 
-    async def reopen(self) -> None:
+    async def reopen(self) -> bool:
         if not self.returns:
             raise InstrumentAbsent("inverter", "nowhere", "nobody answers (unplugged)")
-        self.cut = False
+        was_cut, self.cut = self.cut, False
+        return was_cut
 
     async def _transmit(self, request: Request) -> None:
         if self.cut:

@@ -130,7 +130,9 @@ def test_a_gateway_that_loses_its_drive_is_a_lost_device_and_the_watchdog_does_t
         bench.drive.put_faults(DriveFaults(exceptions={fr.STATUS_AND_COMMAND.number: (0x0B, 10_000)}))
         before = len(bench.line.writes())
         assert isinstance(await latched(bench, 0.5), DeviceLost)
-        await bench.wait(0.1)
+        await bench.wait(0.2)
+        assert WITHDRAWALS > len(bench.line.writes()[before:]) > 0  # it is given time to come back
+        await bench.wait(0.3)
         assert bench.line.writes()[before:] == [STOP] * WITHDRAWALS
         sent = len(bench.line.sent)
         await bench.wait(bench.motor.parameters.watchdog_s + RAMP_S)

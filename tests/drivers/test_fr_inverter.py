@@ -8,6 +8,7 @@ import multiprocessing
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -17,6 +18,7 @@ from multiprocessing.connection import Connection
 import psutil
 import pytest
 
+from daq.clock import SystemClock
 from daq.errors import DeviceLost, InstrumentRefused, InstrumentSilent
 from drivers.emulator_process import EmulatedInstrument
 from drivers.mitsubishi_fr.emulator.drive import PARAMETERS, InverterSetup
@@ -27,9 +29,11 @@ from drivers.mitsubishi_fr.inverter import FrInverter, _Open
 from drivers.mitsubishi_fr.line import SerialLine
 from drivers.mitsubishi_fr.registers import FAULTS, MONITOR_BLOCK, RUNNING_FREQUENCY, STATUS_BLOCK
 from drivers.mitsubishi_fr.settings import InverterMisconfigured, InverterSettings
+from drivers.protocols.instrument import Notices
 from drivers.protocols.speed_drive import MotorOutput, SpeedDrive
 from drivers.rehearsal import rehearsed
 from tests.drivers.fr_peer import PlainServer
+from tests.end_to_end.command import await_true
 
 WATCHDOG_S = 2.0
 FAST = {7: 5, 8: 5, 122: 20}  # 60 Hz in 0.5 s; the longest watchdog, so that a busy machine trips nothing
@@ -333,14 +337,14 @@ def test_a_line_that_its_other_end_has_dropped_is_opened_anew_and_one_that_stand
         port = server.sockets[0].getsockname()[1]
         line = SerialLine(settings_for(f"socket://127.0.0.1:{port}"), time.monotonic)
         await line.open()
-        await line.reopen()
+        assert not await line.reopen()
         await asyncio.sleep(0.1)
         assert len(taken) == 1
         taken[0].close()
         await asyncio.sleep(0.1)
         with pytest.raises(DeviceLost):
             await line.ask(Request(1, READ, STATUS_BLOCK.address, STATUS_BLOCK.count))
-        await line.reopen()
+        assert await line.reopen()
         await asyncio.sleep(0.1)
         assert len(taken) == 2
         line.close()
@@ -348,3 +352,21 @@ def test_a_line_that_its_other_end_has_dropped_is_opened_anew_and_one_that_stand
         server.close()
 
     asyncio.run(work())
+
+
+def test_it_is_busy_as_long_as_a_caller_waits_and_no_longer_where_that_one_hangs() -> None:
+    inverter = FrInverter(settings_for("socket://127.0.0.1:1"))
+    session = inverter._open = _Open(inverter.settings, SystemClock(), Notices(SystemClock()))
+    try:
+        assert not inverter.busy
+        future = asyncio.run_coroutine_threadsafe(session._counted(asyncio.sleep(0.3)), session._loop)
+        await_true("it is at work", lambda: inverter.busy, 1.0)
+        await_true("it has done", lambda: not inverter.busy, 1.0)  # though nobody has asked for the result
+        assert future.done()
+        caller = threading.Thread(target=session.run, args=(asyncio.sleep(0.3),))
+        caller.start()
+        await_true("it is at work", lambda: inverter.busy, 1.0)
+        caller.join()
+        assert not inverter.busy
+    finally:
+        inverter.close()

@@ -275,8 +275,8 @@ class _HeardLine:
             raise NoAnswer(what_was_heard(request, heard))
         return answer
 
-    async def reopen(self) -> None:
-        """It is never lost."""
+    async def reopen(self) -> bool:
+        return False  # it is never lost
 
 
 async def _at_once(_: float) -> None:
