@@ -74,7 +74,7 @@ class ScpiSource:
             return
         # Safe state: nothing but the output is asked for, and errors of before stay in the queue.
         self._kept[OUTPUT_OFF.command] = OUTPUT_OFF.agrees
-        self._link.write(f"{OUTPUT_OFF.command} {OUTPUT_OFF.word}")
+        self._link.write_at_once(f"{OUTPUT_OFF.command} {OUTPUT_OFF.word}")
         answer = self._link.query(f"{OUTPUT_OFF.command}?")
         if not OUTPUT_OFF.agrees(answer):
             raise self._refused(f"the output does not go off, it answers {answer!r}")

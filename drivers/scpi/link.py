@@ -25,6 +25,8 @@ from drivers.scpi.language import IDENTITY
 LONGEST_ANSWER = 4096  # bytes
 QUIET_S = 0.1  # an instrument that says nothing for this long has nothing left to say
 DRAIN_S = 2.0
+_TURN_S = 0.05
+"""An exchange takes some ms; whoever has taken longer may hang in one."""
 
 _FOREIGN = (pyvisa.Error, OSError, rpc.RPCError, EOFError)
 """What a link raises; the last two by VXI-11, where a reply is not as it should be."""
@@ -104,6 +106,23 @@ class ScpiLink:
                     self.instrument, self.resource, what, "the load of this machine", "late"
                 )
             visa.write(command)
+
+    def write_at_once(self, command: str) -> None:
+        """Send one without an answer, by a socket past another thread that hangs in an exchange.
+
+        Raises `DeviceLost`.
+        """
+        if not self._turn.acquire(timeout=_TURN_S):
+            stream = None if self._visa is None else _socket(self._visa)
+            if stream is not None:
+                with suppress(OSError):  # begins with the end of what may be half sent
+                    stream.send(f"\n{command}\n".encode("ascii"), socket.MSG_DONTWAIT)
+                return
+            self._turn.acquire()
+        try:
+            self.write(command)
+        finally:
+            self._turn.release()
 
     def query(self, command: str) -> str:
         """Return the answer to a query. Raises `InstrumentSilent`, `InstrumentRefused`, `DeviceLost`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ from daq.errors import DeviceLost, InstrumentError, InstrumentRefused, Instrumen
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from drivers.scpi.link import ScpiLink
 from tests.drivers.scripted import Answer, ScriptedInstrument, healthy
+from tests.end_to_end.command import await_true
 
 HUNG_UP = r"it closed the connection|the connection is lost \(.*reset"
 """An end of the connection is read in order, or as a reset where a request was on its way."""
@@ -33,6 +35,27 @@ class Echo:
             command, _, value = line.partition(" ")
             self.kept[command] = value
         return healthy(line)
+
+
+def test_an_off_goes_past_a_thread_that_hangs_in_an_exchange() -> None:
+    with ScriptedInstrument(Echo({})) as instrument:
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=instrument.resource, timeout_s=0.4))
+        driver.open()
+        goes_on, switching = threading.Event(), threading.Thread(target=driver.off)
+
+        def hang() -> None:
+            with driver._link._turn:
+                switching.start()
+                await_true("off", lambda: "OUTP OFF" in instrument.lines, 0.5)
+                goes_on.set()
+
+        hanging = threading.Thread(target=hang)
+        hanging.start()
+        for each in (hanging, switching):
+            each.join()
+        assert goes_on.is_set()
+        assert instrument.lines[-2:] == ["OUTP OFF", "OUTP?"]  # seen to be off once the other goes on
+        driver.close()
 
 
 def arm(answer: Answer) -> list[str]:
