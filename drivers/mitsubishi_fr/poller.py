@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
 
@@ -56,6 +56,7 @@ class Poller:
         self._looked_s = self.attended_s = clock.monotonic_s()
         self._was_degraded = self._closing = False
         self.error: InstrumentError | None = None
+        self._failed = asyncio.Event()  # set with it
 
     async def check_in(self) -> None:
         """Check the parameters, that it has not tripped and that it stands, then begin to poll.
@@ -74,14 +75,25 @@ class Poller:
         self.attended_s = self._looked_s = self._clock.monotonic_s()
         self._watch = asyncio.create_task(self._keep())
 
-    async def order(self, order: Awaitable[_T]) -> _T:
-        """Give an order; where the drive fails or does not follow, stop it before the error is raised."""
+    async def order(self, order: Coroutine[Any, Any, _T]) -> _T:
+        """Give an order; where the drive fails or does not follow, stop it before the error is raised.
+
+        An error of the drive meanwhile ends it, whatever it waits for.
+        """
+        giving, failed = asyncio.create_task(order), asyncio.create_task(self._failed.wait())
         try:
-            return await order
+            await asyncio.wait({giving, failed}, return_when=asyncio.FIRST_COMPLETED)
+            if self.error is not None and not giving.done():
+                raise self.error
+            return await giving
         except InstrumentRefused as error:
             if error.code in (NOT_OBEYED, DEVICE_FAILURE):
                 await self._make_safe(error)
             raise
+        finally:
+            for each in (giving, failed):
+                each.cancel()
+            await asyncio.gather(giving, failed, return_exceptions=True)
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
         """Stop the motor; one that cannot be seen to stop stays an error.
@@ -236,6 +248,7 @@ class Poller:
         if self.error is not None and not pressed:
             return False
         self.error = error
+        self._failed.set()
         self._notices.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
         return True
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 
 import pytest
@@ -44,6 +45,22 @@ def test_a_set_value_that_is_acknowledged_and_forgotten_is_noticed_and_stops_the
         return bench.withdrawn_s() - began_s
 
     assert on_bench(work) < 0.5  # read back within 0.2 s, then the first word of the stop
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.05, 0.08])
+def test_an_order_to_a_drive_that_falls_silent_meanwhile_ends_when_that_is_noticed(after_s: float) -> None:
+    async def work(bench: Bench) -> float:
+        await bench.run_at(HZ)
+        order = bench.motor.set_frequency(8.0, bench.loop.time() + 3.0)
+        given = asyncio.create_task(bench.poller.order(order))
+        await asyncio.sleep(after_s)
+        bench.line.mute, since_s = True, bench.loop.time()
+        with pytest.raises(InstrumentSilent):
+            await given
+        assert isinstance(bench.poller.error, InstrumentSilent)
+        return bench.loop.time() - since_s
+
+    assert on_bench(work) < SETTINGS.silent_s + SETTINGS.answer_s
 
 
 def test_a_run_command_that_is_forgotten_is_noticed() -> None:
