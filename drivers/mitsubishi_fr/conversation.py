@@ -9,9 +9,10 @@ come.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from itertools import cycle
+from typing import Any
 
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.mitsubishi_fr.frames import READ, WRITE, Answer, Request
@@ -39,6 +40,16 @@ ACKNOWLEDGE, BUSY = 0x05, 0x06
 _LOST = (0x0A, 0x0B)  # a gateway speaks for a drive that it does not reach
 DEVICE_FAILURE = "04"
 """`code` of the InstrumentRefused that says the drive itself failed; the rig stops."""
+
+
+async def _to_its_end(exchange: Coroutine[Any, Any, Answer]) -> Answer:
+    """Have it, also where whoever waits is cancelled: what is sent into an answer spoils both."""
+    asking = asyncio.create_task(exchange)
+    try:
+        return await asyncio.shield(asking)
+    except asyncio.CancelledError:
+        await asyncio.gather(asking, return_exceptions=True)
+        raise
 
 
 class Conversation:
@@ -144,7 +155,7 @@ class Conversation:
         self._last_shape = request.shape
         if self.unanswered_since_s is None:
             self.unanswered_since_s = self._monotonic_s()
-        answer = await self._line.ask(request)
+        answer = await _to_its_end(self._line.ask(request))
         self._in_doubt = doubt
         self.unanswered_since_s = None
         return answer

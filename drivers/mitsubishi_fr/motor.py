@@ -42,7 +42,8 @@ class Orders:
 
     `ran`: it was told to run, and has not been seen to run no more. `taken`: network operation was chosen, so
     the motor may turn because of us. `under_way` orders are being given, `given` and `stops` count those that
-    were. `stopped`: it is not to start until it is armed anew; for any thread to set.
+    were. `stopped`: it is not to start until it is armed anew; for any thread to set. `void`: an error was
+    met, and no order counts any more but stops.
     """
 
     target_hz: float = 0.0
@@ -54,6 +55,7 @@ class Orders:
     given: int = 0
     stops: int = 0
     stopped: bool = False
+    void: bool = False
 
     @property
     def may_turn(self) -> bool:
@@ -97,7 +99,8 @@ class Errand:
 
     def still_wanted(self, now_s: float, expires_s: float) -> None:
         """Raise `OvertakenOrder` after a stop, or late."""
-        if self._orders.stops != self._stops or (self._starts and self._orders.stopped):
+        overtaken = self._orders.stops != self._stops or (self._starts and self._orders.stopped)
+        if overtaken or self._orders.void:
             raise OvertakenOrder("a stop overtook it")
         if now_s > expires_s:
             raise OvertakenOrder("it came too late")
@@ -263,8 +266,12 @@ class Motor:
         if mode != fr.NETWORK_MODE:
             errand.still_wanted(self._clock.monotonic_s(), expires_s)
             # Network operation starts the drive's watchdog: from here on it wants to hear something.
-            await self._talk.command(fr.OPERATION_MODE, fr.CHOOSE_NETWORK, self._soon())
-            _, mode = await self._talk.read(fr.STATUS_BLOCK, self._soon())
+            try:
+                await self._talk.command(fr.OPERATION_MODE, fr.CHOOSE_NETWORK, self._soon())
+                _, mode = await self._talk.read(fr.STATUS_BLOCK, self._soon())
+            except asyncio.CancelledError:
+                self.orders.taken = True  # it may have it, and is to be handed back
+                raise
         if mode != fr.NETWORK_MODE:
             raise self.refused(f"it stays in operation mode {mode}", f"{fr.OPERATION_MODE}, Pr.79 and Pr.340")
         self.orders.taken = True

@@ -57,6 +57,7 @@ class Poller:
         self._was_degraded = self._closing = False
         self.error: InstrumentError | None = None
         self._failed = asyncio.Event()  # set with it
+        self._given_up: set[asyncio.Task[Any]] = set()  # orders that are at their last exchange
 
     async def check_in(self) -> None:
         """Check the parameters, that it has not tripped and that it stands, then begin to poll.
@@ -76,10 +77,13 @@ class Poller:
         self._watch = asyncio.create_task(self._keep())
 
     async def order(self, order: Coroutine[Any, Any, _T]) -> _T:
-        """Give an order; where the drive fails or does not follow, stop it before the error is raised.
+        """Give an order; where the drive fails or does not follow it, stop it before the error is raised.
 
-        An error of the drive meanwhile ends it, whatever it waits for.
+        An error that is met meanwhile, whose own stop is under way by then, ends it, whatever it waits for.
         """
+        if self.error is not None:
+            order.close()
+            raise self.error
         giving, failed = asyncio.create_task(order), asyncio.create_task(self._failed.wait())
         try:
             await asyncio.wait({giving, failed}, return_when=asyncio.FIRST_COMPLETED)
@@ -91,9 +95,17 @@ class Poller:
                 await self._make_safe(error)
             raise
         finally:
-            for each in (giving, failed):
-                each.cancel()
-            await asyncio.gather(giving, failed, return_exceptions=True)
+            failed.cancel()
+            if (
+                giving.cancel()
+            ):  # it gives way at the end of its exchange, which may take as long as an answer
+                self._given_up.add(giving)
+                giving.add_done_callback(self._forget)
+
+    def _forget(self, order: asyncio.Task[Any]) -> None:
+        self._given_up.discard(order)
+        if not order.cancelled():
+            order.exception()  # that it was overtaken: whoever gave it has been told more
 
     async def stop(self, measured_hz: Callable[[], float] | None = None) -> None:
         """Stop the motor; one that cannot be seen to stop stays an error.
@@ -137,7 +149,7 @@ class Poller:
             self._watch.cancel()
             with suppress(asyncio.CancelledError):
                 await self._watch
-        await asyncio.gather(*self._stops, return_exceptions=True)
+        await asyncio.gather(*self._stops, *self._given_up, return_exceptions=True)
 
     async def _keep(self) -> None:
         while not self._closing:
@@ -248,6 +260,7 @@ class Poller:
         if self.error is not None and not pressed:
             return False
         self.error = error
+        self._motor.orders.void = True
         self._failed.set()
         self._notices.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
         return True

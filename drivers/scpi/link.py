@@ -108,16 +108,16 @@ class ScpiLink:
             visa.write(command)
 
     def write_at_once(self, command: str) -> None:
-        """Send one without an answer, by a socket past another thread that hangs in an exchange.
+        """Send one without an answer; by a socket also past another thread that hangs in an exchange.
 
-        Raises `DeviceLost`.
+        It is sent once more when that thread has done: it may have said the contrary. Raises `DeviceLost`.
         """
         if not self._turn.acquire(timeout=_TURN_S):
-            stream = None if self._visa is None else _socket(self._visa)
-            if stream is not None:
-                with suppress(OSError):  # begins with the end of what may be half sent
+            if (visa := self._visa) is None:
+                raise self._lost("the connection is closed")
+            with suppress(*_FOREIGN):
+                if (stream := _socket(visa)) is not None:  # begins with the end of what may be half sent
                     stream.send(f"\n{command}\n".encode("ascii"), socket.MSG_DONTWAIT)
-                return
             self._turn.acquire()
         try:
             self.write(command)

@@ -47,20 +47,71 @@ def test_a_set_value_that_is_acknowledged_and_forgotten_is_noticed_and_stops_the
     assert on_bench(work) < 0.5  # read back within 0.2 s, then the first word of the stop
 
 
-@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.05, 0.08])
-def test_an_order_to_a_drive_that_falls_silent_meanwhile_ends_when_that_is_noticed(after_s: float) -> None:
+@pytest.mark.parametrize("starts", [False, True])
+@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.05])
+def test_an_order_to_a_drive_that_falls_silent_meanwhile_ends_when_that_is_noticed(
+    after_s: float, starts: bool
+) -> None:
     async def work(bench: Bench) -> float:
         await bench.run_at(HZ)
-        order = bench.motor.set_frequency(8.0, bench.loop.time() + 3.0)
+        by_s = bench.loop.time() + 3.0
+        order = bench.motor.run_forward(by_s) if starts else bench.motor.set_frequency(8.0, by_s)
         given = asyncio.create_task(bench.poller.order(order))
         await asyncio.sleep(after_s)
         bench.line.mute, since_s = True, bench.loop.time()
-        with pytest.raises(InstrumentSilent):
+        with pytest.raises(InstrumentSilent) as caught:
             await given
-        assert isinstance(bench.poller.error, InstrumentSilent)
-        return bench.loop.time() - since_s
+        assert caught.value is bench.poller.error
+        noticed_s = bench.loop.time() - since_s
+        bench.line.mute = False
+        await bench.wait(2.0)
+        assert bench.line.writes()[-1] in (STOP, (fr.OPERATION_MODE.number, fr.CHOOSE_PANEL))
+        assert bench.load.at(bench.loop.time()) == 0.0
+        return noticed_s
 
     assert on_bench(work) < SETTINGS.silent_s + SETTINGS.answer_s
+
+
+def test_an_order_during_which_an_error_is_met_ends_with_that_and_the_next_is_not_begun() -> None:
+    async def work(bench: Bench) -> None:
+        await bench.run_at(HZ)
+        given = asyncio.create_task(
+            bench.poller.order(bench.motor.set_frequency(8.0, bench.loop.time() + 3.0))
+        )
+        await asyncio.sleep(0.01)
+        met = bench.motor.refused("it is odd")
+        bench.poller._begin_to_make_safe(met)
+        with pytest.raises(InstrumentRefused, match="it is odd"):
+            await given
+        with pytest.raises(InstrumentRefused, match="it is odd"):
+            await bench.poller.order(bench.motor.run_forward(bench.loop.time() + 3.0))
+        await bench.wait(2.0)
+        assert bench.line.writes()[-1] == STOP
+        assert bench.load.at(bench.loop.time()) == 0.0
+
+    on_bench(work)
+
+
+def test_a_first_order_that_an_error_ends_hands_the_drive_back() -> None:
+    async def work(bench: Bench) -> None:
+        bench.drive.access(fr.OPERATION_MODE.number, 1, [fr.CHOOSE_PANEL])
+        await bench.poller.check_in()
+        given = asyncio.create_task(
+            bench.poller.order(bench.motor.set_frequency(HZ, bench.loop.time() + 3.0))
+        )
+        chosen = (fr.OPERATION_MODE.number, fr.CHOOSE_NETWORK)
+        end_s = bench.loop.time() + 1.0
+        while chosen not in bench.line.writes():
+            assert bench.loop.time() < end_s
+            await asyncio.sleep(0.001)
+        bench.poller._begin_to_make_safe(bench.motor.refused("it is odd"))
+        with pytest.raises(InstrumentRefused, match="it is odd"):
+            await given
+        await bench.wait(2.0)
+        await bench.poller.close()
+        assert bench.line.writes()[-1] == (fr.OPERATION_MODE.number, fr.CHOOSE_PANEL)
+
+    on_bench(work)
 
 
 def test_a_run_command_that_is_forgotten_is_noticed() -> None:

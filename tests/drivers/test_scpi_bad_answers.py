@@ -37,24 +37,28 @@ class Echo:
         return healthy(line)
 
 
-def test_an_off_goes_past_a_thread_that_hangs_in_an_exchange() -> None:
+def test_an_off_goes_past_a_thread_that_hangs_in_an_exchange_and_has_the_last_word() -> None:
     with ScriptedInstrument(Echo({})) as instrument:
-        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=instrument.resource, timeout_s=0.4))
+        driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=instrument.resource))
         driver.open()
-        goes_on, switching = threading.Event(), threading.Thread(target=driver.off)
+        switching = threading.Thread(target=driver.off)
 
         def hang() -> None:
             with driver._link._turn:
                 switching.start()
-                await_true("off", lambda: "OUTP OFF" in instrument.lines, 0.5)
-                goes_on.set()
+                await_true("off", lambda: "OUTP OFF" in instrument.lines)
+                driver._link.write("OUTP ON")
 
         hanging = threading.Thread(target=hang)
         hanging.start()
         for each in (hanging, switching):
             each.join()
-        assert goes_on.is_set()
-        assert instrument.lines[-2:] == ["OUTP OFF", "OUTP?"]  # seen to be off once the other goes on
+        assert [line for line in instrument.lines if "OUTP" in line][-4:] == [
+            "OUTP OFF",
+            "OUTP ON",
+            "OUTP OFF",
+            "OUTP?",
+        ]
         driver.close()
 
 
