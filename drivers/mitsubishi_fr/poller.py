@@ -57,7 +57,7 @@ class Poller:
         self._was_degraded = self._closing = False
         self.error: InstrumentError | None = None
         self._failed = asyncio.Event()  # set with it
-        self._given_up: set[asyncio.Task[Any]] = set()  # orders that are at their last exchange
+        self._orders: set[asyncio.Task[Any]] = set()
 
     async def check_in(self) -> None:
         """Check the parameters, that it has not tripped and that it stands, then begin to poll.
@@ -85,9 +85,11 @@ class Poller:
             order.close()
             raise self.error
         giving, failed = asyncio.create_task(order), asyncio.create_task(self._failed.wait())
+        self._orders.add(giving)
+        giving.add_done_callback(self._forget)
         try:
             await asyncio.wait({giving, failed}, return_when=asyncio.FIRST_COMPLETED)
-            if self.error is not None and not giving.done():
+            if self.error is not None and (giving.cancelled() or not giving.done()):
                 raise self.error
             return await giving
         except InstrumentRefused as error:
@@ -96,14 +98,10 @@ class Poller:
             raise
         finally:
             failed.cancel()
-            if (
-                giving.cancel()
-            ):  # it gives way at the end of its exchange, which may take as long as an answer
-                self._given_up.add(giving)
-                giving.add_done_callback(self._forget)
+            giving.cancel()  # it gives way at the end of its exchange, which may take as long as an answer
 
     def _forget(self, order: asyncio.Task[Any]) -> None:
-        self._given_up.discard(order)
+        self._orders.discard(order)
         if not order.cancelled():
             order.exception()  # that it was overtaken: whoever gave it has been told more
 
@@ -149,7 +147,7 @@ class Poller:
             self._watch.cancel()
             with suppress(asyncio.CancelledError):
                 await self._watch
-        await asyncio.gather(*self._stops, *self._given_up, return_exceptions=True)
+        await asyncio.gather(*self._stops, *self._orders, return_exceptions=True)
 
     async def _keep(self) -> None:
         while not self._closing:
@@ -234,14 +232,18 @@ class Poller:
 
     def _begin_to_make_safe(self, error: InstrumentError) -> None:
         """Do that while the polls go on, and the emergency stop's line is read on the way down."""
-        task = asyncio.create_task(self._make_safe(error))
+        if not self._latch(error):
+            return
+        task = asyncio.create_task(self._stop_for(error))
         self._stops.add(task)
         task.add_done_callback(self._stops.discard)
 
     async def _make_safe(self, error: InstrumentError) -> None:
         """Latch the error and stop the motor, unless that was done for one before it."""
-        if not self._latch(error):
-            return
+        if self._latch(error):
+            await self._stop_for(error)
+
+    async def _stop_for(self, error: InstrumentError) -> None:
         if not self._motor.orders.may_turn:
             return
         # Of a drive that has tripped, is silent or lost no ramp can be seen, an emergency stop waits for
@@ -261,6 +263,8 @@ class Poller:
             return False
         self.error = error
         self._motor.orders.void = True
+        for order in self._orders:  # before one of them takes its turn, which a stop would wait for
+            order.cancel()
         self._failed.set()
         self._notices.note("error", f"inverter.{error.code or type(error).__name__}", str(error))
         return True

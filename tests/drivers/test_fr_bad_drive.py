@@ -63,6 +63,8 @@ def test_an_order_to_a_drive_that_falls_silent_meanwhile_ends_when_that_is_notic
             await given
         assert caught.value is bench.poller.error
         noticed_s = bench.loop.time() - since_s
+        await bench.wait(0.5)
+        assert bench.withdrawn_s() - since_s - noticed_s < 0.05
         bench.line.mute = False
         await bench.wait(2.0)
         assert bench.line.writes()[-1] in (STOP, (fr.OPERATION_MODE.number, fr.CHOOSE_PANEL))
