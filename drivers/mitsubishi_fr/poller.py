@@ -244,6 +244,7 @@ class Poller:
             await self._stop_for(error)
 
     async def _stop_for(self, error: InstrumentError) -> None:
+        """Stop the motor as that error allows; what goes wrong with it is noted."""
         if not self._motor.orders.may_turn:
             return
         # Of a drive that has tripped, is silent or lost no ramp can be seen, an emergency stop waits for
