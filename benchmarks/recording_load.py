@@ -35,6 +35,7 @@ from daq.log.recover import verify_log
 from drivers.emulator_truth import TRUTH_FOLDER
 from rig.live.page_server import PORT_VARIABLE
 from tests.accounting import discrepancies, sent_in
+from tests.accounting_by_pieces import PIECE_S, discrepancies_by_pieces
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "impact_beam_sixteen_channels.toml"
@@ -81,7 +82,9 @@ _STALLS_EVERY_S = 300.0
 _BUSY_S, _IDLE_S = 2.0, 18.0
 _RATES_HZ = {"encoder": 1000.0}
 _COMPARED_S = 120.0
-"""Records up to this are compared with what the emulators kept of what they sent: a MB a second."""
+"""Records up to this are compared at once with what the emulators kept of what they sent, a MB a second on
+the disk; longer ones piece by piece."""
+_MOST_TOLD = 10
 VIEWER = "viewer's server"
 """Not ours: it keeps what it shows, up to the memory that it is given."""
 _FEWEST = 4
@@ -125,8 +128,7 @@ def main() -> int:
         command = [sys.executable, "-m", "rig.start", "run", str(scenario), "--bench", str(bench)]
         command += ["--out", folder] + (["--live"] if not arguments.no_live else [])
         os.environ[PORT_VARIABLE] = "0"
-        if arguments.seconds <= _COMPARED_S:
-            os.environ[TRUTH_FOLDER] = folder
+        os.environ[TRUTH_FOLDER] = folder
         watched = _watch(command, arguments.seconds, folder)
         return _report(list(Path(folder).glob("*.mcap")), watched, arguments.seconds, arguments.channels)
 
@@ -279,8 +281,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     print(f"\nlog                       {logs[0].stat().st_size / MIB:.0f} MiB, sound: {report.sound}")
     print(f"channels                  {measured} of the card; {len(counted)} measured and predicted in all")
     print(f"samples unaccounted       {unaccounted} (missing: {missing}); {derived} derived values")
-    wrong = discrepancies(logs[0], sent_in(logs[0].parent)) if seconds <= _COMPARED_S else []
-    compared = "; ".join(wrong) or "all" if seconds <= _COMPARED_S else "too long to compare in memory"
+    wrong, compared = _compared(logs[0], seconds)
     print(f"as the emulators sent it  {compared}")
     print(f"view                      {told.get('view.dropped', 'none')}")
     print(f"derived                   {told.get('derived.stopped', 'all of it')}")
@@ -307,6 +308,16 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
         max(slope, deviation) < bar for each, bar in bars for slope, deviation in each.values()
     )
     return 0 if kept and within and level and most_mib["acquisition"] < MOST_MIB.get(channels, 1500) else 1
+
+
+def _compared(log: Path, seconds: float) -> tuple[list[str], str]:
+    """What of a log is not as the emulators sent it, and what is told of that."""
+    if seconds <= _COMPARED_S:
+        wrong, all_of_it = discrepancies(log, sent_in(log.parent)), "all"
+    else:
+        wrong, all_of_it = discrepancies_by_pieces(log, log.parent), f"all, {PIECE_S:g} s at a time"
+    more = [f"and {len(wrong) - _MOST_TOLD} more"] if len(wrong) > _MOST_TOLD else []
+    return wrong, "; ".join([*wrong[:_MOST_TOLD], *more]) or all_of_it
 
 
 def _slope(told_mb: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -127,8 +127,8 @@ ALL = {
     ),
     "load": Promise(
         "64 channels at 51.2 kHz, CAN at 1 kHz and the inverter at 20 Hz, with twin and live view, a disk "
-        "that stalls and a busy neighbour: no sample lost, by the log's own indices, and in each process "
-        "less than 1 MB/h more in use; Rerun's server keeps what it shows.",
+        "that stalls and a busy neighbour: no sample lost, by the log's own indices and as it was sent, and "
+        "in each process less than 1 MB/h more in use; Rerun's server keeps what it shows.",
         (*_LOAD, "--seconds", "3600"),
         (*_LOAD, "--seconds", "30"),
     ),

@@ -6,6 +6,7 @@ with a word on why; whoever feeds it goes on.
 
 from __future__ import annotations
 
+import os
 import queue
 import sys
 import threading
@@ -28,6 +29,8 @@ _BATCH = 256
 """What has piled up goes out together: a message a block would cost the acquisition more than the copy."""
 _START_S = 120.0
 _POLL_S = 0.1
+_NICE = 5
+"""Where there are more to compute than cores, what is made of the samples waits, and not who takes them."""
 
 
 class WorkerFailed(RattleError, RuntimeError):
@@ -228,6 +231,7 @@ def _started(name: str, task: Task, stays: bool) -> Child:
 
 
 def _work(pipe: Connection, task: Task | None, stays: bool) -> None:
+    os.nice(_NICE)
     try:
         while task is not None:
             task.prepare()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import combinations, islice, pairwise, product
@@ -51,7 +51,7 @@ _ANALOG = (*_VOLTS, "")
 _COUNT, _COUNTERS = "count", ("count", "edge", "Hz")
 _COUNTER = 1 << 32
 """What the card's counters give; the first, of an encoder, begins anew there."""
-_ENCODER = "encoder.angle"
+ENCODER = "encoder.angle"
 _OF_A_RUN = re.compile(r"_\d{8}-\d{6}-\d{3}\.mcap")
 ONLY_A_HEAD = 64
 """Bytes: what a run that was killed as it opened its log leaves."""
@@ -142,18 +142,18 @@ def discrepancies(log: Path, sent: Sequence[SentByCard | SentByEncoder]) -> list
         with LogReader(log) as reader:
             complete = reader.complete
         if complete:
-            return list(_compared(_Log.of(log, of_a_run, None), sent))
+            return list(_compared(Log.of(log, of_a_run, None), sent))
         written_ns = log.stat().st_mtime_ns
         with TemporaryDirectory() as scratch:
             recover_log(log, Path(scratch) / "recovered.mcap")
-            recovered = _Log.of(Path(scratch) / "recovered.mcap", of_a_run, written_ns)
+            recovered = Log.of(Path(scratch) / "recovered.mcap", of_a_run, written_ns)
             return list(_compared(replace(recovered, disk_failed=log in _DISK_FAILED), sent))
     except LogError as error:
         return [f"it cannot be read: {error}"] if of_a_run else []
 
 
 @dataclass(frozen=True, slots=True)
-class _Log:
+class Log:
     """What is in a log; `written_ns`: where a crash or a disk cut it, when it was last written."""
 
     of_a_run: bool
@@ -169,15 +169,26 @@ class _Log:
     disk_failed: bool = False
 
     @classmethod
-    def of(cls, path: Path, of_a_run: bool, written_ns: int | None) -> _Log:
+    def of(cls, path: Path, of_a_run: bool, written_ns: int | None) -> Log:
         with LogReader(path) as log:
             series: dict[tuple[str, str], list[SampleBlock]] = {}
             for whose_samples, block in log.blocks(("measured", "predicted", "nominal")):
                 series.setdefault((whose_samples, block.channel), []).append(block)
-            emulated = log.metadata.get("run", {}).get("emulated", "")
-            channels = log.channels("measured"), list(log.channels("predicted"))
-            told = log.gaps(), log.events(), late_s(log), series, *channels
-            return cls(of_a_run, written_ns, *told, log.scenario, emulated)
+            return cls.of_series(log, series, of_a_run, written_ns, late_s(log))
+
+    @classmethod
+    def of_series(
+        cls,
+        log: LogReader,
+        series: dict[tuple[str, str], list[SampleBlock]],
+        of_a_run: bool,
+        written_ns: int | None,
+        late_s: float,
+    ) -> Log:
+        emulated = log.metadata.get("run", {}).get("emulated", "")
+        channels = log.channels("measured"), list(log.channels("predicted"))
+        told = log.gaps(), log.events(), late_s, series, *channels
+        return cls(of_a_run, written_ns, *told, log.scenario, emulated)
 
     @property
     def measured(self) -> dict[str, list[SampleBlock]]:
@@ -201,19 +212,32 @@ class _Log:
         return {event.code: event for event in (*reversed(self.events), *of_dwells)}
 
 
-def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator[str]:
-    cards, encoder = _cards_of(log.measured, sent), _encoder_of(log.measured.get(_ENCODER, []), sent)
-    places = [_place_on_card(each, log) for each in cards]
+def _compared(log: Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator[str]:
+    cards, encoder = cards_of(log.measured, sent), _encoder_of(log.measured.get(ENCODER, []), sent)
+    places = [place_on_card(each, log) for each in cards]
     card, (offset, wrong) = min(
         zip(cards, places, strict=True), key=lambda each: len(each[1][1]), default=(None, (0, []))
     )
-    yield from _of_nobody(log, sent, card, encoder)
+    yield from of_nobody(log, sent, card, encoder)
     if card is None and encoder is None and not (log.of_a_run and log.emulated):
         return  # it is of no emulator
     names = (("measured", list(log.channels)), ("predicted", log.predicted))
     declared = {(origin, name): list[SampleBlock]() for origin, each in names for name in each}
     for (origin, name), blocks in (declared | log.series).items():
-        yield from (f"{origin} {name}: {wrong}" for wrong in _tiled(blocks, log.gaps_of(name, origin)))
+        yield from (f"{origin} {name}: {wrong}" for wrong in tiled(blocks, log.gaps_of(name, origin)))
+    yield from wrong
+    until_ns = yield from ended_by(log, card, offset)
+    if encoder is not None and "encoder.numbering" not in log.codes:
+        place = place_on_encoder(encoder, log)
+        if place is None:
+            yield f"{ENCODER}: its values are not those that were sent"
+            return
+        yield from off_time_base(encoder, log, place)
+        yield from tail_of_encoder(encoder, log, place, until_ns)
+
+
+def ended_by(log: Log, card: SentByCard | None, offset: int) -> Generator[str, None, float]:
+    """What its end lacks; returns until when (ns, Unix epoch) all that was sent has to be there."""
     if any(code in log.codes for code in _ENDINGS):
         made_up = {gap.channel for gap in log.gaps if gap.cause == STOPPED}
         yield from (f"{name}: said to be stopped, but it had its end" for name in sorted(made_up))
@@ -221,18 +245,16 @@ def _compared(log: _Log, sent: Sequence[SentByCard | SentByEncoder]) -> Iterator
     if log.of_a_run and until_ns is None:
         yield "nothing says how it ended"
     if card is not None:
-        yield from wrong
         yield from _of_card(log, card, offset, until_ns, planned)
         if until_ns == math.inf:
             end_ns = sample_time_ns(card.started_ns, offset + round(planned), card.rate)
             until_ns = end_ns - _TIME_BASE_S * NS_PER_S
     yield from _of_others(log, card, until_ns)
-    if encoder is not None and "encoder.numbering" not in log.codes:
-        yield from _placed_on_encoder(encoder, log, until_ns or 0)
+    return until_ns or 0.0
 
 
-def _of_nobody(
-    log: _Log,
+def of_nobody(
+    log: Log,
     sent: Sequence[SentByCard | SentByEncoder],
     card: SentByCard | None,
     encoder: SentByEncoder | None,
@@ -240,28 +262,28 @@ def _of_nobody(
     """What the log has of an emulator that, by its times, sent nothing then."""
     for table, came, found in (
         ("daq_card", _came_of_card(log), card),
-        ("encoder", _ENCODER in log.measured, encoder),
+        ("encoder", ENCODER in log.measured, encoder),
     ):
         if came and found is None and INSTRUMENTS[table].word in log.emulated:
             yield f"its emulated {INSTRUMENTS[table].word} sent nothing then"
     if card is not None or not log.of_a_run or INSTRUMENTS["daq_card"].word in log.emulated:
         return
-    rates = {blocks[0].sample_rate for name, blocks in log.measured.items() if name != _ENCODER}
+    rates = {blocks[0].sample_rate for name, blocks in log.measured.items() if name != ENCODER}
     cards = (each for each in sent if isinstance(each, SentByCard))
     if any(each.made and each.rate in rates for each in cards):
         yield "no card that sent samples at its rate did so then"
 
 
-def _came_of_card(log: _Log) -> list[str]:
+def _came_of_card(log: Log) -> list[str]:
     """What may be a card's; of what a crash cut soon after its begin, others may be all that was written."""
     if log.written_ns is None:
         return list(log.measured)
     units = (*_VOLTS, *_COUNTERS)
-    return [name for name in log.measured if name != _ENCODER and log.channels[name].raw_unit in units]
+    return [name for name in log.measured if name != ENCODER and log.channels[name].raw_unit in units]
 
 
 def _of_card(
-    log: _Log, card: SentByCard, offset: int, until_ns: float | None, planned: float
+    log: Log, card: SentByCard, offset: int, until_ns: float | None, planned: float
 ) -> Iterator[str]:
     made, must = card.made - offset, planned
     if until_ns != math.inf:
@@ -270,7 +292,7 @@ def _of_card(
     if log.written_ns is not None and must > 0 and len(there := _of_inputs(log, card)) != len(card.inputs):
         yield f"{len(there)} analog channels of {len(card.inputs)} inputs"
     for name, blocks in log.measured.items():
-        if blocks[0].sample_rate != card.rate or name == _ENCODER:
+        if blocks[0].sample_rate != card.rate or name == ENCODER:
             continue
         yield from _complete(name, blocks, log.gaps, made, must)
         if name in log.predicted and log.of_a_run and log.written_ns is None:
@@ -278,7 +300,7 @@ def _of_card(
             yield from _complete(name, predicted, log.gaps, math.inf, blocks[-1].end_sample, "predicted")
 
 
-def _of_others(log: _Log, card: SentByCard | None, until_ns: float | None) -> Iterator[str]:
+def _of_others(log: Log, card: SentByCard | None, until_ns: float | None) -> Iterator[str]:
     """What is neither the card's nor the encoder's, and what was declared and never came."""
     owed_ns = (until_ns or 0) - _ANSWERS_S * NS_PER_S
     if (begin_ns := log.begin_ns) is None or owed_ns <= begin_ns:
@@ -287,7 +309,7 @@ def _of_others(log: _Log, card: SentByCard | None, until_ns: float | None) -> It
         if not (blocks := log.measured.get(name, [])):
             if not log.gaps_of(name, "measured"):
                 yield f"{name}: declared, but nothing of it is there"
-        elif name != _ENCODER and (card is None or blocks[0].sample_rate != card.rate):
+        elif name != ENCODER and (card is None or blocks[0].sample_rate != card.rate):
             must = math.floor((owed_ns - begin_ns) / NS_PER_S * blocks[0].sample_rate)
             yield from _complete(name, blocks, log.gaps, math.inf, must)
 
@@ -304,7 +326,7 @@ def late_s(log: LogReader, channel: str | None = None) -> float:
     return late_ns / NS_PER_S
 
 
-def _ending(log: _Log, card: SentByCard | None) -> tuple[float | None, float]:
+def _ending(log: Log, card: SentByCard | None) -> tuple[float | None, float]:
     """Until when (ns, Unix epoch) all that was sent has to be there, and how many samples were planned.
 
     Infinite: all that was planned. None where nothing tells.
@@ -328,11 +350,10 @@ def _ending(log: _Log, card: SentByCard | None) -> tuple[float | None, float]:
     return None, planned
 
 
-def _tiled(blocks: Sequence[SampleBlock], gaps: Sequence[Gap]) -> Iterator[str]:
-    """Every index from 0 on once, in a block or in a gap; times rise."""
+def tiled(blocks: Sequence[SampleBlock], gaps: Sequence[Gap], expected: int = 0) -> Iterator[str]:
+    """Every index from `expected` on once, in a block or in a gap; times rise."""
     spans = [(block.first_sample, block.end_sample, "block") for block in blocks]
     spans += [(gap.first_sample, gap.first_sample + gap.count, f"gap ({gap.cause})") for gap in gaps]
-    expected = 0
     for first, end, what in sorted(spans):
         if first < expected:
             yield f"{what} from {first}: index {first} is there twice"
@@ -353,7 +374,7 @@ def _planned(scenario: str, rate: float) -> float:
     return round(wanted.duration * rate) + (0 if wanted.settle > 0 else round(PRE_TRIGGER_S * rate))
 
 
-def _cards_of(
+def cards_of(
     measured: Mapping[str, Sequence[SampleBlock]], sent: Sequence[SentByCard | SentByEncoder]
 ) -> list[SentByCard]:
     """Those that sampled then, several where runs went on beside each other; the last to begin first."""
@@ -367,11 +388,11 @@ def _cards_of(
     return sorted(within, key=lambda each: -each.started_ns)
 
 
-def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
-    """Which sample of the card is the record's first, by time and then by values."""
+def place_on_card(card: SentByCard, log: Log, known: int | None = None) -> tuple[int, list[str]]:
+    """Which sample of the card is the record's first, by time and then by values, if that is not `known`."""
     declared = _of_inputs(log, card)
     came = [name for name in declared if name in log.measured]
-    of_card = (blocks[0] for name, blocks in log.measured.items() if name != _ENCODER)
+    of_card = (blocks[0] for name, blocks in log.measured.items() if name != ENCODER)
     first = next((block for block in of_card if block.sample_rate == card.rate), None)
     if first is None:
         return 0, []
@@ -389,26 +410,28 @@ def _place_on_card(card: SentByCard, log: _Log) -> tuple[int, list[str]]:
     else:  # a crash soon after the begin: some were not declared yet, so values tell which came
         places = islice(combinations(inputs, len(came)), _MOST_PLACES)
     logged = [_whole(log.measured[name]) / (log.channels[name].scale or 1.0) for name in came]
-    counters = [
-        name for name in log.channels if log.channels[name].raw_unit in _COUNTERS and name != _ENCODER
-    ]
+    counters = [name for name in log.channels if log.channels[name].raw_unit in _COUNTERS and name != ENCODER]
     counts = {
         row: np.rint(_whole(log.measured[name]) / (log.channels[name].scale or 1.0))
         for row, name in enumerate(counters)
         if log.channels[name].raw_unit == _COUNT and name in log.measured
     }
     turns = {row: round(math.tau / (log.channels[counters[row]].scale or 1.0)) for row in counts}
-    for rows, shift in product(places, _SHIFTS):
+    for rows, offset in product(places, _tried(near, known)):
         of_rows = zip(rows, logged, strict=True)
-        if all(_alike(card, row, values, near + shift) for row, values in of_rows) and all(
-            _counts_alike(card, row, turns[row], each, near + shift) for row, each in counts.items()
+        if all(_alike(card, row, values, offset) for row, values in of_rows) and all(
+            _counts_alike(card, row, turns[row], each, offset) for row, each in counts.items()
         ):
-            return near + shift, []
+            return offset, []
     told = [*came, *(counters[row] for row in counts)]
     return near, [f"the values of {', '.join(told)} are not those that were sent"]
 
 
-def _of_inputs(log: _Log, card: SentByCard) -> list[str]:
+def _tried(near: int, known: int | None) -> list[int]:
+    return [near + shift for shift in _SHIFTS] if known is None else [known]
+
+
+def _of_inputs(log: Log, card: SentByCard) -> list[str]:
     """What is declared of a card's analog inputs."""
     return [
         name
@@ -477,8 +500,9 @@ def _encoder_of(
     return next((each for each in encoders if each.unix_s[0] - 0.1 < begin_s < each.unix_s[-1] + 0.1), None)
 
 
-def _placed_on_encoder(encoder: SentByEncoder, log: _Log, until_ns: float) -> Iterator[str]:
-    blocks, scale = log.measured[_ENCODER], log.channels[_ENCODER].scale or 1.0
+def place_on_encoder(encoder: SentByEncoder, log: Log, known: int | None = None) -> int | None:
+    """Which frame is the record's first, as on a card; None where the values are not those that were sent."""
+    blocks, scale = log.measured[ENCODER], log.channels[ENCODER].scale or 1.0
     turn = encoder.counts_per_revolution
     index = np.concatenate([np.arange(block.first_sample, block.end_sample) for block in blocks])
     counts = np.rint(np.concatenate([block.values for block in blocks]) / scale).astype(np.int64) % turn
@@ -487,22 +511,26 @@ def _placed_on_encoder(encoder: SentByEncoder, log: _Log, until_ns: float) -> It
     first = blocks[0]
     near = int(np.abs(unix_s - first.time_ns / NS_PER_S).argmin()) - first.first_sample
     fits = (
-        near + shift
-        for shift in _SHIFTS
-        if near + shift + index[0] >= 0
-        and near + shift + index[-1] < len(shown)
-        and (shown[near + shift + index] == counts).all()
-        and sent[near + shift + index].all()
+        offset
+        for offset in _tried(near, known)
+        if offset + index[0] >= 0
+        and offset + index[-1] < len(shown)
+        and (shown[offset + index] == counts).all()
+        and sent[offset + index].all()
     )
-    offset = next(fits, None)
-    if offset is None:
-        yield f"{_ENCODER}: its values are not those that were sent"
-        return
-    for block in blocks:
-        off_s = block.time_ns / NS_PER_S - unix_s[offset + block.first_sample]
+    return next(fits, None)
+
+
+def off_time_base(encoder: SentByEncoder, log: Log, offset: int) -> Iterator[str]:
+    for block in log.measured[ENCODER]:
+        off_s = block.time_ns / NS_PER_S - encoder.unix_s[offset + block.first_sample]
         if abs(off_s) > _TIME_BASE_S and not block.flags & Flag.CLOCK_NOT_LOCKED:
-            yield f"{_ENCODER}: index {block.first_sample} is {off_s:.3f} s off the time base"
+            yield f"{ENCODER}: index {block.first_sample} is {off_s:.3f} s off the time base"
+
+
+def tail_of_encoder(encoder: SentByEncoder, log: Log, offset: int, until_ns: float) -> Iterator[str]:
+    unix_s, sent = np.array(encoder.unix_s), np.array(encoder.sent)
     due = (sent & (unix_s < until_ns / NS_PER_S)).nonzero()[0]
     if due.size:
         must = int(due[-1]) + 1 - offset
-        yield from _complete(_ENCODER, blocks, log.gaps, len(shown) - offset, must)
+        yield from _complete(ENCODER, log.measured[ENCODER], log.gaps, len(sent) - offset, must)

@@ -31,6 +31,7 @@ _ALONE = (
     "drivers",
     "end_to_end",
     "rig/session/test_guard.py",
+    "rig/session/test_hung_ends.py",
     "rig/session/test_hung_motor.py",
     "rig/session/test_supervisor.py",
     "rig/live/test_live_view.py",

@@ -7,7 +7,6 @@ import time
 import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 
 MOST_BYTES = 256 << 20
@@ -43,9 +42,11 @@ def most_used_bytes() -> int:
     return int(found[1]) << 10 if found else 0
 
 
-@cache
 def slowness() -> float:
-    """How many times as long this processor takes for Python as one of which times are told, 1 at least."""
+    """How many times as long this processor takes for Python as one of which times are told, 1 at least.
+
+    As it is just now: what runs beside it on the same core makes it slower.
+    """
     begun = time.process_time()
     for number in range(_COUNTED):
         _ = number * number

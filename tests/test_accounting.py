@@ -20,6 +20,7 @@ from daq.log.writer import LogWriter
 from rig.session.driven_rig import STOPPED
 from rig.session.run import RECORDED
 from tests.accounting import discrepancies, disk_failed, ruined, sent_in
+from tests.accounting_by_pieces import discrepancies_by_pieces
 
 RATE, START_NS = 1000.0, 1_800_000_000 * NS_PER_S
 BEGIN, BLOCK, MADE, LOST = 2000, 100, 5000, 500
@@ -433,3 +434,85 @@ def test_a_log_of_a_run_has_to_be_readable_unless_a_test_ruined_it(tmp_path: Pat
     assert discrepancies(tmp_path / "log.mcap", []) == []
     assert "it cannot be read" in discrepancies(tmp_path / RUN_NAME, [])[0]
     assert discrepancies(ruined(tmp_path / RUN_NAME), []) == []
+
+
+def by_pieces(folder: Path, spoil: Spoil, *gaps: Gap) -> str:
+    """What is found of the same record, which had its end, half a second at a time."""
+    found(folder, spoil, *gaps, name=RUN_NAME, ends=ENDED)
+    return "; ".join(discrepancies_by_pieces(folder / RUN_NAME, folder / "truth", 0.5))
+
+
+def test_by_pieces_a_log_that_is_as_it_was_sent_is_all_right(truth: Path) -> None:
+    assert by_pieces(truth.parent, lambda block: block) == ""
+
+
+@pytest.mark.parametrize("channel", ["force", "strain", "encoder.angle"])
+@pytest.mark.parametrize("first", [1000, 1200])
+def test_by_pieces_a_block_that_is_missing_has_to_be_in_the_ledger(
+    truth: Path, channel: str, first: int
+) -> None:
+    lacks = f"measured {channel}: indices {first} to {first + BLOCK - 1} are neither there nor in /gap"
+    assert lacks in by_pieces(truth.parent, without(channel, first))
+    (truth.parent / RUN_NAME).unlink()
+    gap = Gap(START_NS, channel, first, BLOCK, "samples missing")
+    assert by_pieces(truth.parent, without(channel, first), gap) == ""
+
+
+@pytest.mark.parametrize("channel", ["force", "crank.angle", "encoder.angle"])
+def test_by_pieces_values_at_the_place_of_others_are_found(truth: Path, channel: str) -> None:
+    def swapped(block: SampleBlock) -> SampleBlock:
+        late = block.first_sample >= 2700
+        return replace(block, values=np.roll(block.values, 1)) if late else block
+
+    said = by_pieces(truth.parent, changed(channel, swapped))
+    assert said.startswith("from index 2500 on: ")
+    assert "not those that were sent" in said
+
+
+@pytest.mark.parametrize("of", ["card", "encoder"])
+def test_by_pieces_a_sample_that_went_and_left_no_hole_is_found(truth: Path, of: str) -> None:
+    """Each piece by itself would be what was sent, a sample later."""
+
+    def slipped(block: SampleBlock) -> SampleBlock:
+        whose = {"encoder.angle": "encoder", "room.temperature": ""}.get(block.channel, "card")
+        if whose != of or block.first_sample < 1500:
+            return block
+        index = range(BEGIN + block.first_sample + 1, BEGIN + block.end_sample + 1)
+        sent: dict[str, Callable[[int], float]] = {
+            "force": lambda each: 2.0 * force(each),
+            "strain": lambda each: force(3 * each),
+            "crank.angle": lambda each: (counts(each) + TURN * each) * SCALE,
+            "encoder.angle": lambda each: counts(each - 1000) * SCALE,
+        }
+        values = np.array([sent[block.channel](each) for each in index], block.values.dtype)
+        return replace(block, values=values)
+
+    said = by_pieces(truth.parent, slipped)
+    assert said.startswith("from index 1500 on: ")
+    assert "not those that were sent" in said
+
+
+@pytest.mark.parametrize("channel", ["force", "strain", "encoder.angle"])
+def test_by_pieces_a_tail_that_is_nowhere_is_found(truth: Path, channel: str) -> None:
+    def cut(block: SampleBlock) -> SampleBlock | None:
+        return None if block.channel == channel and block.first_sample >= 2000 else block
+
+    said = by_pieces(truth.parent, cut)
+    assert f"measured {channel}: " in said
+    assert "of which the last" in said
+
+
+def test_by_pieces_times_that_go_back_are_found(truth: Path) -> None:
+    def back(block: SampleBlock) -> SampleBlock:
+        return replace(block, time_ns=block.time_ns - (NS_PER_S if block.first_sample == 1500 else 0))
+
+    assert "time goes back at index 1500" in by_pieces(truth.parent, changed("strain", back))
+
+
+def test_by_pieces_a_log_of_emulators_that_sent_nothing_then_is_found(truth: Path) -> None:
+    text = (truth / "daq_card-1.jsonl").read_text()
+    (truth / "daq_card-1.jsonl").write_text(text.replace(f"{START_NS}", f"{START_NS + 60 * NS_PER_S}"))
+    (truth / "encoder-1.jsonl").write_text("")
+    said = by_pieces(truth.parent, lambda block: block)
+    assert "its emulated card sent nothing then" in said
+    assert "its emulated encoder sent nothing then" in said

@@ -98,7 +98,8 @@ class AnalogSensor:
     channel that no rig has may be any, for the card sees volts. A channel must have the keys `needs` of a
     bench file and may have the keys `takes`. With `in_volts` DAQmx delivers volts, else the unit itself.
     `noisy` inputs never show one code for long; `ac_coupled` ones have no mean. `sheet` reads the sensitivity
-    (V per unit) that a TEDS states.
+    (V per unit) that a TEDS states. Modules with an input by which it is `fed` (IEPE) are delta-sigma ones,
+    later than a counter.
     """
 
     units: Mapping[str, Quantity]
@@ -110,6 +111,7 @@ class AnalogSensor:
     ac_coupled: bool = False
     sheet: Callable[[Any, CardChannel], float] | None = None
     any_unit: bool = False
+    fed: bool = False
 
     def scale(self, channel: CardChannel) -> float | None:
         """Unit per volt, or per unit that DAQmx delivers; None where that is the unit as it is meant."""
@@ -314,6 +316,7 @@ _OWN: Final = {
             FORCE,
             declare_force_iepe,
             takes=("corner", *_ANY_INPUT),
+            fed=True,
             in_volts=False,
             ac_coupled=True,
             sheet=force_sheet,
@@ -324,6 +327,7 @@ _OWN: Final = {
             ACCELERATION,
             declare_acceleration_iepe,
             takes=("corner", *_ANY_INPUT),
+            fed=True,
             in_volts=False,
             ac_coupled=True,
             sheet=acceleration_sheet,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq.errors import ConfigurationError, Problem
+from rig.session.progress import Screen, Terminal
 
 if TYPE_CHECKING:
     from rig.files.bench import Bench
@@ -30,10 +31,10 @@ def check(
 
     # looks at what other packages add, whether the file asks for it or not
     (len(INSTRUMENTS), len(RIGS), len(SENSORS))
-    today = datetime.datetime.now(datetime.UTC).date()
-    sound = _alone(file, today) if bench_file is None else _on_bench(file, bench_file, today)
+    screen, today = Screen(Terminal()), datetime.datetime.now(datetime.UTC).date()
+    sound = _alone(file, today, screen) if bench_file is None else _on_bench(file, bench_file, today, screen)
     where = "" if bench_file is None else f" on {bench_file}"
-    typer.echo(f"{file}: {type(sound).__name__.lower()}, no faults{where}")
+    screen.say(f"{file}: {type(sound).__name__.lower()}, no faults{where}")
 
 
 def load_any(path: str | Path) -> Scenario | Bench | Sweep:
@@ -61,7 +62,7 @@ def load_any(path: str | Path) -> Scenario | Bench | Sweep:
     raise ConfigurationError(source, [Problem("file", "(unknown kind)", allowed)])
 
 
-def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
+def _alone(file: Path, today: datetime.date, screen: Screen) -> Scenario | Bench | Sweep:
     """What a file holds; what only the emulated bench forbids is told as a remark."""
     from rig.files.bench import Bench, embedded_bench
     from rig.files.faults import raised_by
@@ -73,19 +74,19 @@ def _alone(file: Path, today: datetime.date) -> Scenario | Bench | Sweep:
         check_bench(loaded, today)
         line = loaded.stop_line
         read = "none is read" if line is None else f"{line.line} is read, {line.contact}"
-        typer.echo(f"emergency stop: {read}")
+        screen.say(f"emergency stop: {read}")
         if names := [each.name for each in loaded.daq_card.channels if unit_of(each.name) is None]:
-            typer.echo(f"recorded without a prediction: {', '.join(names)}")
-        _remark(loaded)
+            screen.say(f"recorded without a prediction: {', '.join(names)}")
+        _remark(loaded, screen)
         return loaded
     _check(loaded, None, str(file), today)
     # Another bench may well allow it: no fault of the scenario.
     for problem in raised_by(lambda: _check(loaded, embedded_bench(loaded.rig), "", today)):
-        typer.echo(f"! needs a bench of its own, the emulated one refuses {problem}")
+        screen.warn(f"needs a bench of its own, the emulated one refuses {problem}")
     return loaded
 
 
-def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | Sweep:
+def _on_bench(file: Path, bench_file: Path, today: datetime.date, screen: Screen) -> Scenario | Sweep:
     """What a file holds that is to run on a bench; where one of the two is faulty, the other's faults too."""
     from rig.files.bench import Bench, load_bench
     from rig.files.faults import Gathered
@@ -99,7 +100,7 @@ def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | 
     bench = gathered.of(lambda: load_bench(bench_file, None if loaded is None else loaded.rig))
     if loaded is not None and bench is not None:
         _check(loaded, bench, str(file), today)
-        _remark(bench)
+        _remark(bench, screen)
         return loaded
     if loaded is not None:
         gathered.of(lambda: _check(loaded, None, str(file), today))
@@ -108,15 +109,15 @@ def _on_bench(file: Path, bench_file: Path, today: datetime.date) -> Scenario | 
     raise gathered.error()
 
 
-def _remark(bench: Bench) -> None:
+def _remark(bench: Bench, screen: Screen) -> None:
     """Say what is no fault of a bench, and still to be known."""
-    from rig.files.pairing import unmeasured
+    from rig.files.pairing import undelayed, unmeasured
     from rig.rigs import RIGS
     from rig.twin.alignment import nothing_tells
 
     table, names = RIGS[bench.rig].channels, [each.name for each in bench.daq_card.channels]
-    for told in filter(None, (unmeasured(bench), nothing_tells(table, names))):
-        typer.echo(f"! {told}")
+    for told in filter(None, (unmeasured(bench), nothing_tells(table, names), undelayed(bench))):
+        screen.warn(told)
 
 
 def _check(wanted: Scenario | Sweep, bench: Bench | None, source: str, today: datetime.date) -> None:

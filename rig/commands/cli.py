@@ -138,7 +138,7 @@ def main() -> None:
             code = int(app(standalone_mode=False) or 0)
         finally:  # what other packages offered in vain is told before what it may have led to
             for fault in UNUSED:
-                print(f"! {fault}", file=sys.stderr)
+                print(harmless(f"! {fault}"), file=sys.stderr)
     except tuple(kind for kind, _ in _CODES) as error:
         words = "; ".join([str(error) or "interrupted", *getattr(error, "__notes__", ())])
         print(harmless(f"rattle: {words}"), file=sys.stderr)

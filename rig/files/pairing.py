@@ -14,6 +14,7 @@ from typing import Final
 from daq.errors import ConfigurationError, Problem
 from daq.log.records import LEAST_FREE_BYTES
 from drivers.ni_daq.channels import FASTEST_EDGES_HZ, CardChannel
+from drivers.ni_daq.sensors import known_sensor
 from drivers.rehearsal import ON_A_WIRE, rehearsed
 from rig.files.bench import Bench
 from rig.files.faults import dotted, meant
@@ -119,6 +120,24 @@ def unmeasured(bench: Bench) -> str:
     return (
         f"nothing measures what the real shaker does ({why}): maximum_amplitude bounds what is ordered, and "
         "no measured force is held to it or to the order; is force_per_volt right?"
+    )
+
+
+def undelayed(bench: Bench) -> str:
+    """Which inputs of a real card are later than its counters, by what nobody says; empty for none."""
+    card = bench.daq_card
+    counters = [each.name for each in card.channels if each.counted]
+    if card.emulated or not counters:
+        return ""
+    analog = [each for each in card.channels if not each.counted]
+    fed = {each.device for each in analog if known_sensor(each).fed}
+    late = [each.name for each in analog if each.device in fed and each.delay is None]
+    if not late:
+        return ""
+    return (
+        f"no delay for {', '.join(late)}: such inputs show what happens some 40 samples later than the "
+        f"counter {counters[0]}, so the prediction comes that much too early. Say it by the module's data "
+        'sheet: delay = "39 samples"; "0 ms" where there is none'
     )
 
 

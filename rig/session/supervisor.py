@@ -44,6 +44,7 @@ _LET_GO = (
     "motor any more: its inverter's own watchdog (Pr.122) stops it. What was recorded: rattle recover"
 )
 _GONE = "rattle: the run is gone; the inverter's own watchdog (Pr.122) stops the motor"
+_FAILED = "rattle: the supervisor failed, and no run goes on without it"
 _IS_OFF = (
     "rattle: the drive is off, by a connection of the supervisor's own. What was recorded: rattle recover"
 )
@@ -166,7 +167,8 @@ class Supervisor:
         """Raise SupervisorTripped if it has switched the drive off, has died itself or hangs."""
         if self._heard():
             raise self._line_seen or SupervisorTripped(
-                f"the supervisor stops the drive: the run gave no sign of life for {self._silence_s:g} s"
+                f"the supervisor stops the drive: the run gave no sign of life for {self._silence_s:g} s, or "
+                "it failed itself, which it says"
             )
         if not self._child.alive:
             raise self._line_seen or SupervisorTripped(
@@ -232,27 +234,33 @@ def _supervise(
         Latching(latch, _say) as latching,
         nullcontext() if line is None else LineWatch(line, SystemClock()) as watch,
     ):
-        why = _await_silence(pipe, watch, latching, hurry_s)
+        failed = ""
+        try:
+            why = _await_silence(pipe, watch, latching, hurry_s)
+        except Exception as error:  # top of a process: what moves is not to be left to nobody
+            why = failed = f"{_FAILED}: {type(error).__name__}: {error}"
         if why is None:
             return
         if spare is None:
-            # one that hangs may poll on, which keeps the motor turning
-            if why != _GONE and os.getppid() == run:
+            # One that hangs may poll on, which keeps the motor turning. Where this process has failed the run
+            # lives, as far as anybody knows, and stops once this one has ended.
+            if why != _GONE and not failed and os.getppid() == run:
                 os.kill(run, signal.SIGKILL)
             _say(why)
         elif by_hand:
             switch_off(spare)  # who was asked says it all
+            _say(failed)
         elif emulated:
             off = switch_off(spare)
             if why != _OFF:
-                _say(_IS_OFF if off else _ENDED)
+                _say(failed or (_IS_OFF if off else _ENDED))
         else:
             apart = False
             with suppress(OSError):  # a machine that starts none more: in this one then
                 if os.fork() > 0:  # the run waits for its child and ends it, which that one is not
                     return
                 apart = True
-            _switch_off_for_good(pipe, spare, locks, told=why == _OFF, apart=apart)
+            _switch_off_for_good(pipe, spare, locks, failed, told=why == _OFF, apart=apart)
             os._exit(0)
 
 
@@ -260,10 +268,13 @@ def _switch_off_for_good(
     pipe: Connection,
     spare: Callable[[], Actuator],
     locks: Sequence[InstrumentLock],
+    failed: str,
     told: bool,
     apart: bool,
 ) -> None:
-    """`apart`: in a process without other threads, that no run which lives still ends."""
+    """`failed`: what went wrong, if not the run. `apart`: in a process without other threads, that no run
+    which lives still ends.
+    """
     if apart:
         # nothing of the run's is kept open: processes that it left wait for that, with what it writes to
         kept = sorted([pipe.fileno(), *(lock.fileno() for lock in locks)])
@@ -274,7 +285,7 @@ def _switch_off_for_good(
     if not switch_off(spare):
         # whoever reads what the run writes, or would end this, is not to wait for it
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-        words = "" if told else _GOES_ON.format(process=os.getpid())
+        words = "" if told else failed or _GOES_ON.format(process=os.getpid())
         with suppress(RuntimeError):  # no thread more: without words then
             threading.Thread(target=_say_and_let_go, args=(words,), daemon=True).start()
         for lock in locks:
@@ -288,12 +299,11 @@ def _switch_off_for_good(
     with suppress(OSError):
         pipe.send(_TRIPPED)
     if not told:
-        _say(_IS_OFF)
+        _say(failed or _IS_OFF)
 
 
 def _say_and_let_go(text: str) -> None:
-    if text:
-        _say(text)
+    _say(text)
     nowhere = os.open(os.devnull, os.O_RDWR)
     os.dup2(nowhere, 1)
     if stat.S_ISFIFO(os.fstat(2).st_mode):
@@ -301,8 +311,10 @@ def _say_and_let_go(text: str) -> None:
 
 
 def _say(text: str) -> None:
+    """On standard error, if there is anything to say."""
     with suppress(OSError):
-        print(text, file=sys.stderr, flush=True)
+        if text:
+            print(text, file=sys.stderr, flush=True)
 
 
 def _await_silence(

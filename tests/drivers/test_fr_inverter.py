@@ -370,3 +370,23 @@ def test_it_is_busy_as_long_as_a_caller_waits_and_no_longer_where_that_one_hangs
         assert not inverter.busy
     finally:
         inverter.close()
+
+
+def test_a_loop_that_hangs_at_the_end_keeps_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.mitsubishi_fr.inverter.HANGS_S", 0.2)
+    session = _Open(settings_for("socket://127.0.0.1:1"), SystemClock(), Notices(SystemClock()))
+    goes_on = threading.Event()
+
+    async def hang() -> None:
+        goes_on.wait()  # in the loop's own thread
+
+    monkeypatch.setattr(session.poller, "close", hang)
+    ending = threading.Thread(target=session.end)
+    ending.start()
+    ending.join(DEADLINE_S)
+    kept = ending.is_alive()
+    goes_on.set()
+    ending.join()
+    session._thread.join()
+    session._loop.close()  # which was left as it was
+    assert not kept

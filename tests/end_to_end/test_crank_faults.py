@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -14,6 +14,7 @@ from daq.block import NS_PER_S
 from daq.log.reader import LogReader, Origin
 from daq.log.recover import recover_log
 from drivers.canopen_cia406.emulator.process import EncoderSetup
+from drivers.mitsubishi_fr.settings import SHORTEST_WATCHDOG_S
 from drivers.protocols.speed_drive import MotorOutput
 from drivers.rehearsal import rehearsed
 from tests.end_to_end.command import Command, Ended, await_gone, await_true, command, rattle
@@ -23,6 +24,8 @@ OVERCURRENT = 0x10
 """E.OC1 in the fault history."""
 SAFE_S = 1.0 + 0.2
 """From a device that is lost to the word that stops the motor."""
+DEAD_S = 1.0
+"""From a run that is stopped dead to the ramp down by the shortest watchdog."""
 MEASURED = {"crank.angle", "crank.marker", "encoder.angle"}
 
 
@@ -226,6 +229,26 @@ def test_a_killed_run_leaves_a_drive_that_trips_by_itself_and_that_no_run_resets
     recover_log(log, recovered)
     with LogReader(recovered) as reader:
         assert "motor.trimmed" in [event.code for event in reader.events()]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("how", ["frozen", "killed"])
+def test_a_motor_whose_run_is_stopped_dead_stops_within_a_second_by_the_shortest_watchdog(
+    tmp_path: Path, freeze: Callable[[int], None], how: str
+) -> None:
+    with (
+        spied_crank(tmp_path, watchdog_s=SHORTEST_WATCHDOG_S) as crank,
+        command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
+    ):
+        run.await_line("recording")
+        children = run.children()
+        freeze(run.pid) if how == "frozen" else os.kill(run.pid, signal.SIGKILL)
+        stopped_s = time.monotonic()
+        crank.spy.await_stopping()
+        assert came_down_on_its_ramp(crank.spy.heard)
+        assert 0.0 < last_from_full_speed(crank.spy.heard).started_s - stopped_s < DEAD_S
+        assert "inverter's own watchdog (Pr.122) stops" in run.end().err
+        await_gone(children)
 
 
 @pytest.mark.long

@@ -52,7 +52,9 @@ def test_a_speed_that_this_bench_does_not_allow_is_refused_on_it(
     assert "drive.speed = 900 rpm: up to 300 rpm (inverter.maximum_speed)" in answer.err
     answer = call("check", crank(tmp_path / "slow.toml"), "--bench", lasting_bench)
     assert answer.code == 0
-    assert answer.out == f"{tmp_path / 'slow.toml'}: scenario, no faults on {lasting_bench}\n"
+    remark, verdict = answer.out.splitlines()
+    assert remark.startswith("! no delay for crank_frame.acceleration_y, ")
+    assert verdict == f"{tmp_path / 'slow.toml'}: scenario, no faults on {lasting_bench}"
 
 
 def test_without_a_bench_it_is_told_that_the_emulated_one_would_refuse(call: Call, tmp_path: Path) -> None:
@@ -326,6 +328,15 @@ def test_a_real_shaker_beside_an_emulated_card_is_remarked(call: Call, tmp_path:
         checked = call("check", *arguments)
         assert checked.code == 0
         assert remark in checked.out
+
+
+def test_what_a_scenario_says_is_shown_and_never_obeyed(call: Call, tmp_path: Path) -> None:
+    """A limit may be of a channel that no rig has, whatever it is called."""
+    limits = '[limits."\\u001b]0;t\\u0007\\u202e"]\nabort = "5 Pa"'
+    answer = call("check", write_scenario(tmp_path / "s.toml", limits=limits))
+    assert answer.code == 0
+    assert r"limits.\x1b]0;t\x07\u202e = (here): a channel of the bench" in answer.out
+    assert not set(answer.out + answer.err) & set("\x1b\x07\u202e")
 
 
 def test_a_bench_on_which_nothing_tells_the_drives_phase_says_that_no_run_is_judged(

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import os
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 
+from rig.session.progress import Screen
+from tests.end_to_end.files import write_scenario
 from tests.rig.commands.cli import Call
 from tests.rig.session.test_stops import InTurn, in_turn
+from tests.rig.synthetic_run import write_log
 
 __all__ = ["in_turn"]
 
@@ -55,3 +58,26 @@ def test_a_run_until_enter_tells_another_program_what_it_came_to(
     assert Path(told["report"]).is_file()
     assert 0.05 < told["duration_s"] < 20.0
     assert set(told["channels"]) == {channel.name for channel in in_turn.rig.card.channels}
+
+
+class Unseen:
+    """A live view that nobody sees."""
+
+    def offer(self, what: object) -> None: ...
+
+
+def test_the_report_is_written_before_a_live_view_is_held_open(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However that ends, by a signal or with the terminal, it is there."""
+    log, there = write_log(tmp_path / "run.mcap", 0.2), list[bool]()
+
+    def hold(screen: Screen, text: str, ended: Callable[[], bool]) -> None:
+        there.append(log.with_suffix(".html").is_file())
+
+    monkeypatch.setattr("rig.session.run.run_scenario", lambda *_: log)
+    monkeypatch.setattr("rig.session.on_page.on_page", lambda _: nullcontext(Unseen()))
+    monkeypatch.setattr(Screen, "hold", hold)
+    answer = call("run", write_scenario(tmp_path / "s.toml"), "--live", "--out", tmp_path / "runs")
+    assert answer.code == 0, answer.err
+    assert there == [True]

@@ -8,7 +8,7 @@ import pytest
 
 from daq.errors import ConfigurationError
 from rig.files.bench import Bench, embedded_bench, load_bench, parse_bench
-from rig.files.pairing import check_bench, check_pair, too_late, unmeasured
+from rig.files.pairing import check_bench, check_pair, too_late, undelayed, unmeasured
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
 from rig.surrogates.recordings import Setting
@@ -163,6 +163,23 @@ def test_a_real_shaker_that_nothing_measures_is_told() -> None:
     )
     assert "(the card is emulated)" in unmeasured(unseen_bench())
     assert unmeasured(embedded_bench("planar_slider_crank")) == ""
+
+
+def test_a_real_card_with_counters_whose_iepe_inputs_have_no_delay_is_told() -> None:
+    text = (SCENARIOS / "crank_bench.example.toml").read_text()
+    real = parse_bench(text, "bench", Path(), "planar_slider_crank")
+    assert undelayed(real).startswith(
+        "no delay for crank_frame.acceleration_y, crank_frame.acceleration_x, piston_frame.acceleration_y, "
+        "crank.marker: such inputs show what happens some 40 samples later than the counter crank.angle, "
+    )
+    said = text
+    for kind in ("acceleration_iepe", "marker"):
+        said = said.replace(f'kind = "{kind}"', f'kind = "{kind}"\ndelay = "0 ms"')
+    assert undelayed(parse_bench(said, "bench", Path(), "planar_slider_crank")) == ""
+    channels = tuple(each for each in real.daq_card.channels if not each.counted)
+    card = replace(real.daq_card, channels=channels)
+    assert undelayed(replace(real, instruments={**real.instruments, "daq_card": card})) == ""
+    assert undelayed(embedded_bench("planar_slider_crank")) == ""
 
 
 FILTERED = (

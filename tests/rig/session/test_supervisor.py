@@ -21,7 +21,7 @@ from daq.errors import EmergencyStop, InstrumentAbsent, InstrumentRefused
 from daq.time_base.run_clock import RunClock
 from drivers import lock as locks
 from drivers.lock import Latch, lock
-from drivers.protocols.emergency_stop import SILENCE_S
+from drivers.protocols.emergency_stop import SILENCE_S, LineWatch
 from rig.files.bench import load_bench
 from rig.files.scenario import parse_scenario
 from rig.session.devices import Devices
@@ -176,6 +176,49 @@ def test_no_fault_of_a_library_keeps_it_from_trying_again(tmp_path: Path, odd: s
     (tmp_path / "there").touch()
     await_true("switched off", (tmp_path / "off").exists)
     await_true("its end", lambda: has_ended(number))
+
+
+class FaultyLine(FileLine):
+    """Whoever asks what was seen of it meets a fault once the file `pressed` is there."""
+
+    def open(self) -> None:
+        LineWatch.look = self._look  # type: ignore[method-assign, assignment]
+
+    def _look(self) -> EmergencyStop | None:
+        if (self._folder / "pressed").exists():
+            raise RuntimeError("a fault of a library")
+        return None
+
+
+def test_no_fault_while_it_waits_keeps_it_from_switching_off(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "there").touch()
+    supervisor = Supervisor(partial(FarGenerator, tmp_path), line=partial(FaultyLine, tmp_path))
+    beating, said = threading.Event(), ""
+
+    def beat() -> None:
+        while not beating.wait(0.01):
+            supervisor.beat()
+
+    def told() -> bool:
+        nonlocal said
+        said += capfd.readouterr().err
+        return "RuntimeError: a fault of a library" in said
+
+    run = threading.Thread(target=beat)
+    supervisor.launch()
+    with supervisor:
+        run.start()  # it is not its silence that switches off
+        (tmp_path / "pressed").touch()
+        try:
+            await_true("switched off", (tmp_path / "off").exists)
+            with pytest.raises(SupervisorTripped, match="the supervisor stops the drive"):
+                supervisor.check()
+            await_true("told", told)
+        finally:
+            beating.set()
+            run.join()
 
 
 def test_a_bench_that_it_tries_to_switch_off_is_refused_with_its_number(
