@@ -5,7 +5,7 @@ scipy.signal (half a second of processor time, for it loads most of scipy) only 
 
 Analog: true signal -> (second-order Butterworth) -> (declared stages) -> linear-phase anti-alias low-pass
 with no net delay, decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation -> (the
-input's limit) -> (a wrong factor). Skew and anti-alias are one filter.
+input's limit) -> (a wrong factor) -> (what a counter shows of a mark). Skew and anti-alias are one filter.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ OVERSAMPLED_RATE = 204_800.0
 """Hz; the least rate at which the truth is computed."""
 _PASS, _STOP, _ATTENUATION_DB = 0.45, 0.55, 80.0
 _LEAST_GAIN = 1e-9
+MARK_V = 5.0
+"""How high a marker is, from 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,7 @@ class SensorChain:
     `droop_corner` and `bandwidth_corner` in Hz, None where the sensor has none. `stages` and `limit`, the
     largest magnitude that the input takes, are what a bench declares. `factor` is what a wrong sensitivity
     or sign makes of the samples once they are numbers; `source` is the channel whose sensor is plugged in
-    here, empty where it is the right one.
+    here, empty where it is the right one. Of a marker on a counter `edges` is what is shown of each edge.
     """
 
     noise: Annotated[float, Bound("", 0.0)] = 0.0
@@ -49,6 +51,7 @@ class SensorChain:
     limit: float = inf
     factor: Annotated[float, Bound("", -1e9, 1e9)] = 1.0
     source: str = ""
+    edges: Annotated[float | None, Bound("V", 0.0, above=True)] = None
 
     def __post_init__(self) -> None:
         require_bounds("SensorChain", self)
@@ -80,6 +83,15 @@ class Encoder:
 
 
 Sensor: TypeAlias = SensorChain | Encoder
+
+
+def counted_edges(mark: NDArray[np.floating], level: float) -> Array:
+    """What a counter shows of a mark of 0 and 5 V: `level` at the first sample behind each rise, else 0.
+
+    Of `mark`, shape (n,), the first sample only tells whether the second is behind a rise; shape (n - 1,).
+    """
+    high = mark > MARK_V / 2
+    return np.where(high[1:] & ~high[:-1], level, 0.0)
 
 
 def source_of(name: str, sensor: Sensor | None) -> str:
@@ -133,6 +145,7 @@ class SensorStream:
             output = chain.stages.output / max(abs(chain.gain), _LEAST_GAIN)
             self._stages = StageStream(chain.stages, fine_rate, output)
         self._high_pass = _butterworth(1, chain.droop_corner, "highpass", sample_rate)
+        self._mark = np.full(1, inf)  # one that is high to begin with has not risen
 
     def push(self, fine: Array) -> None:
         passed = self._low_pass(fine)
@@ -156,7 +169,12 @@ class SensorStream:
             step = self._chain.full_scale / 2**23
             samples = np.round(noisy / step) * step
         limit = self._chain.limit
-        return np.asarray(samples if limit == inf else np.clip(samples, -limit, limit)) * self._chain.factor
+        shown = np.asarray(samples if limit == inf else np.clip(samples, -limit, limit)) * self._chain.factor
+        if self._chain.edges is None:
+            return shown
+        mark = np.concatenate([self._mark, shown])
+        self._mark = mark[-1:]
+        return counted_edges(mark, self._chain.edges)
 
 
 class EncoderStream:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from daq.disk import write_whole
 from daq.errors import RattleError
 from rig.commands.arguments import EffectsFile, Json, Model, RunFiles, is_log, out_folder, print_json
 from rig.session.pace import reading
@@ -192,7 +193,7 @@ def calibrate(
     text = as_model_text(
         twin, outcome.matched, of_runs, scenarios, before, found_of.discrepancies, read.specimen
     )
-    out.write_text(text, encoding="utf-8")
+    write_whole(out, text.encode())
     screen.say(f"model      {out}")
 
 
@@ -211,7 +212,7 @@ def _learn_spread(
     screen.say(f"all together {found.common:.2f} times as wide as usual, which the rest is taken to be")
     anew = not_learnt(looked_at[0])
     screen.say(f"not learnt, for it is set anew for each run: {anew}; say it in [tolerances]")
-    out.write_text(text, encoding="utf-8")
+    write_whole(out, text.encode())
     screen.say(f"model      {out}")
 
 

@@ -38,6 +38,7 @@ def identify(
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same model.")] = 0,
     budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 1200,
 ) -> None:
+    from daq.disk import write_whole
     from rig.diagnosis import identify as work
     from rig.diagnosis.recordings import recorded
     from rig.files.out_folder import require_new
@@ -66,9 +67,9 @@ def identify(
     scenarios = list(dict.fromkeys(parse_scenario(text).name for text in data.scenarios))
     text = work.model_text_of(found, campaign.rig, names, scenarios, data.specimen)
     _show(found, campaign.rig, screen)
-    out.write_text(text, encoding="utf-8")
+    write_whole(out, text.encode())
     if found.next_run is not None:
-        following.write_text(found.next_run, encoding="utf-8")
+        write_whole(following, found.next_run.encode())
         screen.say(f"next run   {following}, which would tell most of what is not told")
     work.discard(folder)
     screen.say(f"model      {out}")
@@ -90,3 +91,6 @@ def _show(found: Identification, rig: str, screen: Screen) -> None:
     if not found.converged:
         screen.warn(f"{STILL_MOVED}: their intervals are wider by that; add runs, or free fewer")
     screen.say(f"gap        {found.gap:.2f} with these values in the twin   (1 = as far as a healthy rig)")
+    if len(found.gaps) > 1:
+        for name, gap in found.gaps:
+            screen.say(f"           {gap:.2f} of {name} by itself")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from daq.disk import write_whole
 from daq.errors import RattleError
 from rig.diagnosis.argument import of_cut_short
 from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
@@ -127,7 +128,7 @@ def diagnose_runs(
     write_json(files["effects"], effects_file(findings))
     if experiment is not None:
         files["next run"] = out / "next_experiment.toml"
-        files["next run"].write_text(experiment.scenario, encoding="utf-8")
+        write_whole(files["next run"], experiment.scenario.encode())
     write_report(files["report"], replace(case, diagnosis=content))
     return findings, files
 
@@ -151,9 +152,9 @@ SECTIONS: Sequence[Section[Case]] = (
 
 
 def write_report(path: Path, case: Case, sections: Sequence[Section[Case]] = SECTIONS) -> None:
-    """Write the report as one HTML file; raises OSError where `path` cannot be written."""
+    """Write the report as one HTML file; raises RecorderFailed where `path` cannot be written."""
     parts = [(section.heading, section.parts(case)) for section in sections]
-    path.write_text(page("Diagnosis", [run.name for run in case.runs], parts), encoding="utf-8")
+    write_whole(path, page("Diagnosis", [run.name for run in case.runs], parts).encode())
 
 
 def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> RecordedCampaign:
@@ -179,7 +180,7 @@ def _text_of(model: Path | None) -> str:
 
 
 def _model_of(path: Path | None, data: RecordedCampaign) -> ModelFile | None:
-    return None if path is None else load_model(path, data.campaign.runs[0].twin.model.name)
+    return None if path is None else load_model(path, data.campaign.runs[0].twin.model.name, data.specimen)
 
 
 def _next_experiment(

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from daq.disk import write_whole
 from rig.diagnosis.argument import argument
 from rig.diagnosis.experiments import Experiment
 from rig.files.table import NOTHING
@@ -100,8 +101,8 @@ def effects_file(findings: Findings) -> list[dict[str, Any]]:
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write JSON without NaN."""
-    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    """Write JSON without NaN; the file is whole, or not there. Raises RecorderFailed."""
+    write_whole(path, f"{json.dumps(content, indent=2, allow_nan=False)}\n".encode())
 
 
 def gap_block(layout: Layout, gap: Gap, by_location: Mapping[str, float]) -> dict[str, Any]:

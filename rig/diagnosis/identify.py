@@ -10,6 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from io import BytesIO
+from itertools import combinations
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +40,7 @@ from rig.session.pace import reading
 from rig.session.progress import Screen
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import NarrowColumns
-from sim_twin.diagnosis.gap import gap_measure
+from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.identification import (
     MOST_ROUNDS,
     Known,
@@ -150,7 +152,8 @@ class Identification:
     """What was found: `gap` of the rig from its twin with the values, as a healthy rig's is 1.
 
     `was` are the values that the scenarios have, SI; `next_run` a scenario that would tell more. Not
-    `converged`: in the last round the values `moved` by so many deviations, (n,).
+    `converged`: in the last round the values `moved` by so many deviations, (n,). `gaps` are those of the
+    runs by themselves, each with its name.
     """
 
     known: Known
@@ -159,6 +162,7 @@ class Identification:
     converged: bool
     moved: NDArray[np.float64]
     next_run: str | None = None
+    gaps: tuple[tuple[str, float], ...] = ()
 
 
 class Kept:
@@ -202,6 +206,9 @@ _HEALTHY = 48
 _FEWEST = 8
 _NOT_THIS_RIG = 2.0
 """Gap from which on the values explain nothing."""
+_STANDS_OUT = 1.5
+"""Times: a run that does not fit lies so much farther off than any other, two runs of different rigs so much
+farther apart than those of any healthy one."""
 _CHATTERS_FROM = 25.0
 """Multiples of a cycle's frequency, beyond which only impacts reach."""
 _OVER_NOISE, _MOST_CYCLES = 5.0, 0.5
@@ -268,19 +275,69 @@ def require_moves(wides: Sequence[Wide], campaign: WithValues, simulate: Execute
 
 
 def last_of(rounds: Iterable[Round], screen: Screen) -> Round:
-    """The last of at least one round; each is told of, and what by then is told together only."""
-    told = set[tuple[str, str]]()
+    """The last of at least one round; each is told of, and what by then is told together only.
+
+    After the first, a third of the work at most, also what is not told so far. RattleError where that is all
+    there is: about what is as open as before, no later round looks any nearer.
+    """
+    together = set[tuple[str, str]]()
     for number, each in enumerate(rounds, 1):
-        wides, far = each.known.wides, int(np.argmax(each.moved))
+        wides, told, far = each.known.wides, each.known.told(), int(np.argmax(each.moved))
         screen.say(
-            f"round {number}: {each.rigs} rigs, {sum(each.known.told())} of {len(wides)} values told; "
+            f"round {number}: {each.rigs} rigs, {sum(told)} of {len(wides)} values told; "
             f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
         )
+        if number == 1:
+            if each.known.as_open_as_before():
+                raise _nothing_told(wides)
+            if untold := [wide.name for wide, is_told in zip(wides, told, strict=True) if not is_told]:
+                screen.warn(f"not told so far: {listed(untold)}; rounds nearer by may tell more")
         for pair in each.known.together():
-            if pair not in told:
+            if pair not in together:
                 screen.warn(TOGETHER.format(*pair))
-                told.add(pair)
+                together.add(pair)
     return each
+
+
+def _nothing_told(wides: Sequence[Wide]) -> RattleError:
+    return RattleError(
+        f"these runs tell none of {listed([wide.name for wide in wides])}: nothing was written. Free "
+        "fewer at once, give narrower ranges, or add runs at other settings"
+    )
+
+
+def of_one_rig(
+    plain: RecordedCampaign, measure: GapMeasure, healthy: Sequence[NDArray[np.floating]]
+) -> list[float]:
+    """Gap of each run; RattleError where one does not fit though the others do, or two are of two rigs.
+
+    `healthy` are fingerprints of the rigs that the measure is made of. Values between those of two rigs may
+    leave neither far off; but runs of one setting then lie on either side of them.
+    """
+    gaps, names = measure.of_runs(plain.measured), [path.name for path in plain.paths]
+    worst = int(np.argmax(gaps))
+    others = max((gap for number, gap in enumerate(gaps) if number != worst), default=inf)
+    farthest = max(measure.of_runs(rig)[worst] for rig in healthy)
+    if others <= _NOT_THIS_RIG and gaps[worst] > max(_NOT_THIS_RIG, farthest, _STANDS_OUT * others):
+        raise RattleError(
+            f"{names[worst]} does not fit, though the other runs do: with the values found its gap is "
+            f"{gaps[worst]:.2f}, theirs {others:.2f} at most (1 is a healthy rig's). It may be of another "
+            "rig, of this one in another state, or show what the twin lacks: nothing was written. Leave it "
+            "out, or identify it by itself"
+        )
+    settings = [(scenario.drive, scenario.model) for scenario in map(parse_scenario, plain.scenarios)]
+    for one, other in combinations(range(len(gaps)), 2):
+        apart = measure.between(plain.measured, one, other) if settings[one] == settings[other] else None
+        if apart is None:
+            continue
+        usual = max(measure.between(rig[:1], one, other) or 0.0 for rig in healthy)
+        if apart > max(_NOT_THIS_RIG, _STANDS_OUT * usual):
+            raise RattleError(
+                f"{names[one]} and {names[other]} were recorded at one setting and lie a gap of {apart:.2f} "
+                f"from one another, where two runs of a healthy rig lie {usual:.2f} at most. They may be of "
+                "two rigs, or of one in two states: nothing was written. Identify each by itself"
+            )
+    return gaps
 
 
 def identify(
@@ -297,7 +354,7 @@ def identify(
 
     `plain` are the runs as `rattle gap` looks at them.
 
-    Raises RattleError where time ran out, nothing is told, or the runs are of no such rig.
+    Raises RattleError where time ran out, nothing is told, or the runs are of no such rig, or of several.
     """
     rigs = rigs_of_a_round(len(wides))
     total = MOST_ROUNDS * rigs + len(wides) + 1
@@ -319,15 +376,12 @@ def identify(
             found = last_of(fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told), screen)
         known = found.known
         if not any(known.told()):
-            raise RattleError(
-                f"these runs tell none of {listed([wide.name for wide in wides])}: nothing was written. Free "
-                "fewer at once, give narrower ranges, or add runs at other settings"
-            )
+            raise _nothing_told(wides)
         best = {wide.name: float(v) for wide, v in zip(wides, known.values(known.mean), strict=True)}
         kind = RIGS[campaign.rig]
-        scenarios = [parse_scenario(text) for text in data.scenarios]
-        was = {name: kind.value(name, scenarios[0].model) for name in best}
-        repaired = _with_best(plain, scenarios, best)
+        given = parse_scenario(plain.scenarios[0]).model
+        was = {name: kind.value(name, given) for name in best}
+        repaired = _with_best(plain, best)
         healthy = [
             each[0]
             for each in kept(repaired, report=False)([Draw((), seed + k, blocks=2) for k in range(_HEALTHY)])
@@ -336,52 +390,71 @@ def identify(
         if len(healthy) < _FEWEST:
             raise RattleError("too few rigs with the values found could be simulated; nothing was written")
         measure = gap_measure(healthy, repaired.layout)
+        gaps = of_one_rig(plain, measure, healthy)
         gap = measure.total(measure.cells(plain.measured))
         if gap > _NOT_THIS_RIG:
             raise RattleError(
                 f"the best such rig still lies a gap of {gap:.2f} from these runs (1 is a healthy rig's), so "
                 "something else is missing or wrong: nothing was written. rattle diagnose may tell what"
             )
-        more = _next_run(data, scenarios, known, kept, np.random.default_rng([seed, 1]))
-    return Identification(known, was, gap, found.converged, found.moved, more)
+        more = _next_run(plain, known, kept, np.random.default_rng([seed, 1]))
+    of_runs = zip([path.name for path in plain.paths], gaps, strict=True)
+    return Identification(known, was, gap, found.converged, found.moved, more, tuple(of_runs))
 
 
-def _with_best(plain: RecordedCampaign, scenarios: Sequence[Scenario], best: Mapping[str, float]) -> Campaign:
+def _with_best(plain: RecordedCampaign, best: Mapping[str, float]) -> Campaign:
     """The same runs as a model file with the best values has them."""
+    scenarios = [parse_scenario(text) for text in plain.scenarios]
     kind = RIGS[scenarios[0].rig]
     runs = [
         replace(run, twin=replace(run.twin, rig=kind.changed(run.twin.rig, scenario.model, best)))
-        for run, scenario in zip(plain.campaign.runs, scenarios, strict=False)  # the others are responses
+        for run, scenario in zip(plain.campaign.runs, scenarios, strict=True)
     ]
     return replace(plain.campaign, runs=tuple(runs))
 
 
 def _next_run(
-    data: RecordedCampaign,
-    scenarios: Sequence[Scenario],
+    plain: RecordedCampaign,
     known: Known,
     kept: Callable[[Campaign, bool], Kept],
     rng: np.random.Generator,
 ) -> str | None:
-    """The scenario of one more run that would tell most of what is not told yet; None where all is."""
+    """The scenario of one more run that would tell most of what is not told yet, headed by how much.
+
+    None where all is told, or no run would tell more.
+    """
     open_ones = ~np.array(known.told())
     if not open_ones.any():
         return None
-    columns, quiet = data.campaign.runs[0].columns, data.campaign.runs[0].quiet
+    columns, quiet = plain.campaign.runs[0].columns, plain.campaign.runs[0].quiet
+    given = parse_scenario(plain.scenarios[0]).model
     names = [wide.name for wide in known.wides]
     best, least = None, float(np.sum(np.log(known.deviation[open_ones])))
-    recorded_s = len(data.sound[0]) / columns.rate
-    for option in options(data.scenarios[0], columns.channels, columns.rate, quiet, data.chains, recorded_s):
+    recorded_s = len(plain.sound[0]) / columns.rate
+    for option in options(
+        plain.scenarios[0], columns.channels, columns.rate, quiet, plain.chains, recorded_s
+    ):
         scenario = parse_scenario(option.scenario)
-        if any(scenario.model.get(name) != scenarios[0].model.get(name) for name in names):
+        if any(scenario.model.get(name) != given.get(name) for name in names):
             continue  # what is looked for is not set anew
         more = identifying(option.campaign.runs, [scenario], names)
         with suppress(SimulationFailed):
             deviations = after_one_more(more, known, kept(more, False), rng)
             left = float(np.sum(np.log(deviations[open_ones])))
             if left < least - _WORTH_IT:
-                best, least = option.scenario, left
+                best, least = f"{_reason(known, deviations)}{option.scenario}", left
     return best
+
+
+def _reason(known: Known, deviations: NDArray[np.float64]) -> str:
+    """What one more run is for, after which values have such `deviations` (n,), as lines of its scenario."""
+    rows = zip(known.wides, known.told(), known.deviation, deviations, strict=True)
+    lines = [
+        "Of other settings this one would tell most of what the runs so far do not. How wide the intervals",
+        "are, of what they were beforehand (a value is told from half on):",
+        *(f"  {wide.name}: {now:.0%}, then {later:.0%}" for wide, told, now, later in rows if not told),
+    ]
+    return "".join(f"# {line}\n" for line in lines)
 
 
 _WORTH_IT = 0.2

@@ -75,7 +75,7 @@ def lost_of(log: LogReader, names: Sequence[str], end_s: float | None = None) ->
 
 
 class RunUnusable(LogError):
-    """A run that tells nothing, `why` in words; others of its rig may stand in for it."""
+    """A run that cannot be read or tells nothing, `why` in words; others of its rig may stand in for it."""
 
     def __init__(self, path: Path, why: str) -> None:
         super().__init__(f"{path}: {why}")
@@ -159,12 +159,17 @@ class _Run:
     left_out: tuple[str, ...]
     scenario: Scenario
     record: Mapping[str, str]
+    begin_ns: int
 
 
 def recorded(
     paths: Sequence[Path], looked_at: Callable[[Path, RunSetting], RunSetting] = lambda _, setting: setting
 ) -> RecordedCampaign:
     """Read runs of one rig; ConfigurationError or LogError, naming the run, for what cannot be used.
+
+    A run that cannot be read, or tells nothing, is left out with a remark where another can stand in for it.
+    Their order is that in which they were made, however they are named: what is drawn for one stays the same
+    when one that was made later joins them.
 
     `looked_at` gives the setting of a run, by its path, as it is to be looked at.
     """
@@ -177,8 +182,13 @@ def recorded(
             runs.append(_read(path))
         except RunUnusable as error:
             unusable.append(error)
+        except (ConfigurationError, LogError) as error:
+            if len(paths) == 1 or not path.is_file():  # told as it came; a path that is none was mistyped
+                raise
+            unusable.append(RunUnusable(path, _why(path, error)))
     if not runs:
         raise LogError("; ".join(map(str, unusable)))
+    runs.sort(key=lambda run: run.begin_ns)
     # a copy under another name would count as a second run
     for first, second in combinations(runs, 2):
         shared = first.records.keys() & second.records.keys()
@@ -208,6 +218,13 @@ def recorded(
         chains=runs[0].record,
         specimen=runs[0].scenario.specimen,
     )
+
+
+def _why(path: Path, error: LogError | ConfigurationError) -> str:
+    """In one line what keeps a run from being read."""
+    if isinstance(error, ConfigurationError):
+        return f"what it says of its rig cannot be used: {'; '.join(map(str, error.problems))}"
+    return str(error).removeprefix(f"{path}: ")
 
 
 def _rows(blocks: int, count: int) -> NDArray[np.intp]:
@@ -325,7 +342,9 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
     whole = sum(bool(sound[at : at + reach].all()) for at in cycles.starts(len(sound)))
     if whole < _FEWEST_CYCLES:
         raise _too_few(path, whole)
-    names = [name for name in wanted if name in records]
+    # of a mark on a counter there is when it comes, by which the cycles are cut, and nothing to compare
+    marks = [name for name in wanted if _counts_edges(twin, name)]
+    names = [name for name in wanted if name in records and name not in marks]
     setting = setting_of(followed, names, rate, whole, grid.quiet, reference)
     if not setting.columns.coupled:
         raise RunUnusable(path, f"nothing but {', '.join(names)}; there is no response to compare")
@@ -337,8 +356,11 @@ def _read(path: Path, longest_s: float | None = None) -> _Run:
     if abs(slip) > FREQUENCY_TOLERANCE:
         odd.append(f"its mean speed is {_told_slip(slip)}; the twin runs as fast as the rig did")
     remarks = (*unfinished, *losses, *odd, *_remarks(twin, channels, kept, records, reference))
-    left_out = tuple(name for name in there if name not in names)
-    return _Run(path, followed, records, sound, setting, whole, slip, remarks, left_out, scenario, record)
+    left_out = tuple(name for name in there if name not in (*names, *marks))
+    return _Run(
+        path, followed, records, sound, setting, whole, slip, remarks, left_out, scenario, record,
+        grid.begin_ns,
+    )  # fmt: skip
 
 
 def _unfinished(log: LogReader, wanted: Sequence[str], longest_s: float | None) -> list[str]:
@@ -460,7 +482,7 @@ def _cycles(path: Path, twin: AnyTwin, reference: str, values: Array, rate: floa
 class _OnGrid:
     """All channels of a run at one `rate`; `quiet` is the share of each one's noise that is left.
 
-    `slow` are those that have too low a rate of their own.
+    `slow` are those that have too low a rate of their own, `begin_ns` is the time of the first sample.
     """
 
     rate: float
@@ -468,6 +490,7 @@ class _OnGrid:
     sound: NDArray[np.bool_]
     quiet: dict[str, float]
     slow: tuple[str, ...]
+    begin_ns: int
 
 
 def _resampled(table: Mapping[str, Lossy], twin: AnyTwin, reference: str) -> _OnGrid:
@@ -495,8 +518,10 @@ def _resampled(table: Mapping[str, Lossy], twin: AnyTwin, reference: str) -> _On
         end = np.minimum(np.ceil(at + own / rate - 1e-6).astype(np.intp), len(each.lost))
         sound &= lost[np.maximum(end, first)] == lost[first]
         values, smooth = _filled(each), name in angles and not _low_passed(twin, name)
+        if _counts_edges(twin, name):
+            values, smooth = _held(values, ceil(own / rate)), True
         records[name], quiet[name] = _sampled(values, at, 1 if smooth else steps[name], own / rate, smooth)
-    return _OnGrid(rate, records, sound, quiet, slow)
+    return _OnGrid(rate, records, sound, quiet, slow, begin_ns)
 
 
 def _low_passed(twin: AnyTwin, name: str) -> bool:
@@ -504,6 +529,19 @@ def _low_passed(twin: AnyTwin, name: str) -> bool:
     sensor = twin.sensors.get(name)
     stages = sensor.stages if isinstance(sensor, SensorChain) else None
     return stages is not None and stages.low_pass is not None
+
+
+def _counts_edges(twin: AnyTwin, name: str) -> bool:
+    sensor = twin.sensors.get(name)
+    return isinstance(sensor, SensorChain) and sensor.edges is not None
+
+
+def _held(pulses: NDArray[np.float64], step: int) -> NDArray[np.float64]:
+    """Pulses of one sample, each for `step` of them: one of so many is looked at."""
+    held = pulses.copy()
+    for late in range(1, step):
+        held[late:] = np.maximum(held[late:], pulses[:-late])
+    return held
 
 
 def _sample_at(series: SampleBlock, time_ns: int) -> float:

@@ -35,6 +35,12 @@ _LIMITS: Final = """\
 # abort = "..."                             # and this ends the run
 # hold = "0 s"                              # for how long it must be passed
 """
+_NOTES: Final = """\
+# What was run, in words and under keys of the lab's own (also --note KEY=VALUE); they stand in the log.
+# [notes]
+# operator = "..."
+# specimen = "..."                          # runs of two specimens are no campaign
+"""
 
 
 def whole_scenario(kind: RigKind) -> str:
@@ -54,7 +60,8 @@ def whole_scenario(kind: RigKind) -> str:
     for name, each in kind.tolerances({}).items():
         size = f"{100 * each.deviation:g} %" if each.relative else f"{each.deviation:g} {each.unit}".strip()
         lines.append(f"#   {toml_key(name)} = {as_written(size) if each.relative or each.unit else size}")
-    return "\n".join([*lines, "", _LIMITS.format(channel=told[0], channels=", ".join(told))])
+    limits = _LIMITS.format(channel=told[0], channels=", ".join(told))
+    return "\n".join([*lines, "", limits, _NOTES])
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from drivers.ni_daq.channels import (
     Resonance,
     input_range_v,
 )
+from drivers.ni_daq.sensing import sort_of_input
 from rig.files.bench import Bench
 from rig.files.quantity import si_factor
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
@@ -146,6 +147,8 @@ def _shown(sensor: Any, name: str, record: Mapping[str, str]) -> Any:
         counts = tracks * round(chain.number("pulses.decoding") or 0)
         return Encoder(counts, bool(pulses.get("backwards")), zero or 0.0) if counts else None
     scale, largest = scale_of(record, SENSITIVITY, name), scale_of(record, RANGE, name)
+    if sort_of_input(str(chain.told.get("physical", ""))) == "ctr" and not chain.part("pulses"):
+        return replace(sensor, edges=largest) if largest and 0.0 < largest < inf else None
     limit, stages = inf, stages_of(record, name)
     if scale and largest and largest < inf and not chain.part("mark"):
         limit = input_range_v(scale * largest) / scale

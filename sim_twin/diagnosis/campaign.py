@@ -19,7 +19,7 @@ from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.cycles import Cycles, turning
-from sim_twin.sensors import Encoder, Sensor, SensorChain, source_of
+from sim_twin.sensors import Encoder, Sensor, SensorChain, counted_edges, source_of
 from sim_twin.stages import Stages, responses
 from sim_twin.twin import AnyTwin
 
@@ -172,8 +172,8 @@ class Campaign:
         """Simulate some draws side by side."""
         if not draws:
             return []
-        if any(draw.runs for draw in draws):
-            return self._of_some_runs(draws)
+        if any(draw.runs for draw in draws) or len({draw.blocks for draw in draws}) > 1:
+            return self._of_each_kind(draws)
         found = [
             [
                 [None if motion is None else motion.blocks(extra, draw.blocks) for extra in draw.sensing]
@@ -195,18 +195,18 @@ class Campaign:
             for off, each in zip(apart, observed, strict=True)
         ]
 
-    def _of_some_runs(self, draws: Sequence[Draw]) -> list[Observed]:
-        """Those that ask for the same runs side by side."""
+    def _of_each_kind(self, draws: Sequence[Draw]) -> list[Observed]:
+        """Those that ask for as many blocks of the same runs side by side."""
         found: list[Observed] = [() for _ in draws]
-        for runs in dict.fromkeys(draw.runs for draw in draws):
-            at = [k for k, draw in enumerate(draws) if draw.runs == runs]
+        for runs, blocks in dict.fromkeys((draw.runs, draw.blocks) for draw in draws):
+            at = [k for k, draw in enumerate(draws) if (draw.runs, draw.blocks) == (runs, blocks)]
             part = self.only(runs) if runs else self
             for k, each in zip(at, part.observe([replace(draws[k], runs=()) for k in at]), strict=True):
                 found[k] = each
         return found
 
     def records(self, draws: Sequence[Draw]) -> list[list[Records | None]]:
-        """What the channels of each run show, (runs, draws); None for a run that failed."""
+        """What the channels show in draws of as many blocks, (runs, draws); None for a run that failed."""
         return [
             [None if motion is None else motion.records(()) for motion in self._simulated(k, setting, draws)]
             for k, setting in enumerate(self.runs)
@@ -219,7 +219,7 @@ class Campaign:
         return changed
 
     def _simulated(self, number: int, setting: RunSetting, draws: Sequence[Draw]) -> Iterator[_Motion | None]:
-        """Each of some draws; None for one that failed."""
+        """Each of some draws of as many blocks; None for one that failed."""
         variants, model = [], setting.twin.model
         drawn = self.numbers[number] if self.numbers else number
         for draw in draws:
@@ -228,7 +228,7 @@ class Campaign:
             run_rng = np.random.default_rng(SeedSequence(draw.seed, spawn_key=(1, drawn)))
             twin = model.draw_healthy(self.changed(number, draw.effects), rig_rng, run_rng)
             variants.append(Variant(twin, float(run_rng.uniform(0, 2 * pi))))
-        count = setting.samples(max(draw.blocks for draw in draws))
+        count = setting.samples(draws[0].blocks)
         clean = clean_samples(variants, setting.columns.rate, setting.settle, count, setting.oversampling)
         for draw, variant, one in zip(draws, variants, clean, strict=True):
             if one is None or not np.isfinite(one).all():
@@ -317,7 +317,10 @@ def _through_chain(row: Array, sensor: Sensor, rate: float, quiet: float, noises
         turned *= _response(sensor, len(turned), rate / length)
         noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
     limited = noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit)
-    return limited if sensor.factor == 1 else np.float32(sensor.factor) * limited
+    shown = limited if sensor.factor == 1 else np.float32(sensor.factor) * limited
+    if sensor.edges is None:
+        return shown
+    return counted_edges(np.concatenate([shown[:1], shown]), sensor.edges)
 
 
 def _periodic(row: Array) -> tuple[NDArray[np.complex64], int]:

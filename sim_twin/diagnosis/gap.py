@@ -59,11 +59,32 @@ class GapMeasure:
         names = [name for name in dict.fromkeys(owners.tolist()) if name]
         return {name: np.sqrt(squares[:, owners == name].mean(axis=1)) / self.unit for name in names}
 
+    def of_runs(self, blocks: NDArray[np.floating]) -> list[float]:
+        """Gap of each run's cells by themselves, of blocks (n, numbers)."""
+        cells, runs = self.cells(blocks), sorted({cell.run for cell in self.layout.cells})
+        return [self.total(cells, lambda cell, run=run: cell.run == run) for run in runs]  # type: ignore[misc]
+
+    def between(self, blocks: NDArray[np.floating], one: int, other: int) -> float | None:
+        """Gap of run `one` of a rig from run `other`, less what the twin's runs differ by.
+
+        None where not the same is looked at in both.
+        """
+        cells = self.layout.cells
+        looked_at = [
+            [(cell.channel, cell.partner, cell.what, cell.size) for cell in cells if cell.run == run]
+            for run in (one, other)
+        ]
+        if looked_at[0] != looked_at[1]:
+            return None
+        owners = np.array([cell.run for cell in self.layout.of_numbers])
+        off, moved = np.mean(blocks, axis=0, dtype=np.float64) - self.twin, self.twin.copy()
+        moved[owners == one] += off[owners == one] - off[owners == other]
+        return self.total(self.cells(moved[None]), lambda cell: cell.run == one)
+
     def course(self, blocks: NDArray[np.floating]) -> list[list[float]]:
         """Gap of each run's cells in each of its blocks (n, numbers), (runs, n)."""
-        runs = sorted({cell.run for cell in self.layout.cells})
-        each = [self.cells(block[None]) for block in blocks]
-        return [[self.total(cells, lambda cell, run=run: cell.run == run) for cells in each] for run in runs]  # type: ignore[misc]
+        of_blocks = [self.of_runs(block[None]) for block in blocks]
+        return [list(each) for each in zip(*of_blocks, strict=True)]
 
 
 def _by_cell(apart: Array, layout: Layout) -> Array:

@@ -44,6 +44,8 @@ _TOLD = 0.5
 """Of its deviation before, which one that is told has at most."""
 _TOGETHER = 0.9
 """Correlation from which on two values are told together only."""
+_AS_OPEN = 0.9
+"""Of its deviation before: chance alone mostly narrows what nothing tells by less."""
 _OF_95 = 1.96
 
 
@@ -95,6 +97,10 @@ class Known:
     def told(self) -> tuple[bool, ...]:
         """Of each value, whether the runs tell it."""
         return tuple(bool(each) for each in self.deviation <= _TOLD)
+
+    def as_open_as_before(self) -> bool:
+        """Whether the runs tell nothing: neither a value nor any combination of several."""
+        return bool(np.linalg.eigvalsh(self.covariance)[0] > _AS_OPEN**2)
 
     def estimates(self, wider: Array | float = 1.0) -> tuple[Estimate, ...]:
         """Medians and 95 % intervals, `wider` (n,) times where a model leaves something open."""

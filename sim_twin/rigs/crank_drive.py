@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from daq.quantity import Bound, Quantity
 from sim_twin.effects import Effect, Parameter, set_to
 from sim_twin.ranges import require_bounds
+from sim_twin.sensors import MARK_V
 
 _MARK = np.deg2rad(5.0)
-_MARK_V = 5.0
 _POINTS = 720
 
 
@@ -87,7 +87,7 @@ def angle_after(drive: SpeedDrive, angle: float, elapsed: float) -> float:
 
 def marker_voltage(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """5 V from 0 to 5 degrees of crank angle (rad), else 0; same shape."""
-    return np.where(np.mod(angle, 2 * pi) < _MARK, _MARK_V, 0.0)
+    return np.where(np.mod(angle, 2 * pi) < _MARK, MARK_V, 0.0)
 
 
 def fluctuation_coordinates(values: NDArray[np.float64]) -> NDArray[np.float64]:

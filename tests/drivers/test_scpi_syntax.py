@@ -1,8 +1,9 @@
-"""SCPI taken apart at both ends: answers by the driver, program messages by the emulated 33220A."""
+"""SCPI taken apart at both ends: answers by the driver, program messages by the emulators."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -10,12 +11,15 @@ from hypothesis import strategies as st
 
 from drivers.protocols.generator import DriveSettings
 from drivers.scpi.emulator.agilent_33220a import Emulated33220A
+from drivers.scpi.emulator.command_tree import CommandError
+from drivers.scpi.emulator.keysight_n6900 import EmulatedN6900
 from drivers.scpi.language import error_in, model_in, number_in
 
 WORDS = st.sampled_from(
-    """*IDN? *RST *CLS *TRG *OPC? SYST:ERR? FREQ FREQ? VOLT VOLT:OFFS VOLT:UNIT PHAS OUTP OUTP:LOAD BURS:MODE
-    BURS:NCYC BURS:PHAS BURS:STAT TRIG:SOUR APPL:SIN SOUR1:FREQ : ; , ? 1 -1E99 9.9E37 NAN INF MIN MAX DEF ON
-    OFF BUS TRIG VPP DBM VRMS SIN SQU KHZ V \" ' \x00 \x7f é""".split()  # noqa: SIM905
+    """*IDN? *RST *CLS *TRG *OPC *OPC? *ESE *SRE *ESR? *STB? SYST:ERR? FREQ FREQ? VOLT VOLT:OFFS VOLT:UNIT
+    PHAS OUTP OUTP:LOAD BURS:MODE BURS:NCYC BURS:PHAS BURS:STAT TRIG:SOUR APPL:SIN SOUR1:FREQ : ; , ? 1
+    -1E99 9.9E37 NAN INF MIN MAX DEF ON OFF BUS TRIG
+    VPP DBM VRMS SIN SQU KHZ V \" ' \x00 \x7f é""".split()  # noqa: SIM905
 )
 MESSAGES = st.one_of(st.text(max_size=200), st.lists(WORDS, max_size=20).map(" ".join))
 
@@ -140,6 +144,35 @@ def test_cls_empties_the_error_queue() -> None:
     bench.ask("FROB")
     bench.ask("*CLS")
     assert bench.errors() == []
+
+
+@pytest.mark.parametrize("make", [Emulated33220A, EmulatedN6900])
+def test_what_happened_stands_in_the_registers_until_it_is_read(
+    make: Callable[[Callable[[object], None], Callable[[], float]], Emulated33220A | EmulatedN6900],
+) -> None:
+    """IEEE 488.2, chapter 11: events are kept until read, masks make of them a summary and a request."""
+    instrument = make(lambda output: None, lambda: 0.0)
+    ask = instrument.run
+    assert ask("*ESR?;*ESR?;*STB?;*TST?") == "128;0;0;0"  # it was switched on, once
+    ask("*ESE 48;*SRE 36")  # of commands and of their execution; the error queue and the summary of events
+    ask("FROB")
+    ask("VOLT 1E3")
+    assert ask("*ESE?;*SRE?;*STB?;*ESR?") == "48;36;100;48"
+    assert ask("*STB?;*ESR?") == "68;0"  # what was read is gone, the queue is as it was
+    assert (ask("SYST:ERR?;ERR?;*STB?") or "").endswith(";0")
+    ask("*OPC")
+    assert ask("*STB?;*ESR?") == "0;1"  # its mask leaves that out
+    for code in (-410, -363):
+        instrument.status.report(CommandError(code))
+    assert ask("*ESR?") == "12"
+    ask("*SRE 255;*ESE 256;*ESE 1,2")
+    assert ask("*SRE?;*ESE?;*ESR?") == "191;48;48"  # refused, and said so
+    ask("FROB;*ESE 0")
+    ask("*CLS")
+    assert ask("*ESR?;*STB?;*ESE?;SYST:ERR?") == '0;0;48;+0,"No error"'
+    for _ in range(21):
+        ask("VOLT 1E3")
+    assert ask("*ESR?") == "24"  # a queue that runs over is the device's
 
 
 def test_output_is_told_only_where_it_changes() -> None:

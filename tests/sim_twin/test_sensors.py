@@ -187,3 +187,15 @@ def test_recursions_and_oscillators_are_those_of_scipy_to_the_last_bit() -> None
             x = rng.standard_normal(2 * count)[::2]
             expected, state = signal.lfilter(b, a, x, zi=state)
             assert np.array_equal(ours(x), expected)
+
+
+def test_a_marker_on_a_counter_shows_one_sample_an_edge_however_it_is_cut_into_blocks() -> None:
+    at = np.arange((COUNT + 512) * oversampling(FS)) / oversampling(FS)  # in samples
+    mark = np.where(at < 100.0, 5.0, 0.0)  # high to begin with: nobody saw it rise
+    for rise in (1000.5, 2047.5, 5000.5):
+        mark[(at >= rise) & (at < rise + 80.0)] = 5.0
+    counter = SensorChain(edges=10.0)
+    shown = through(counter, mark)
+    assert np.flatnonzero(shown).tolist() == [1001, 2048, 5001]
+    assert set(shown.tolist()) == {0.0, 10.0}
+    assert np.array_equal(through(counter, mark, chunks=4), shown)

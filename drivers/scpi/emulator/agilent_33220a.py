@@ -7,7 +7,6 @@ the sine and bursts of a finite count are answered with -241.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,9 +23,9 @@ from drivers.scpi.emulator.command_tree import (
     told,
     word,
 )
+from drivers.scpi.emulator.status_reporting import StatusReporting
 
 IDENTITY = "Agilent Technologies,33220A,MY00000000,2.02-2.02-22-2"
-ERROR_QUEUE = 20
 SOURCE_OHM = 50.0  # of its output
 OPEN = 9.9e37  # ohm, or cycles: how SCPI writes infinity
 PEAK_LIMIT_V = 10.0  # into an open circuit
@@ -80,34 +79,21 @@ class Emulated33220A:
     ) -> None:
         self._listener, self._clock, self._identity = listener, clock, identity
         self._state = GeneratorState()
-        self._errors: deque[CommandError] = deque()
+        self.status = StatusReporting(pending_errors)
         self._output = DriveSettings(False, self._state.frequency_hz, 0.1, 0.0, clock())
         self._tree = CommandTree(self._commands())
-        for code in pending_errors:
-            self.report(CommandError(code))
 
     def run(self, message: str) -> str | None:
         """Run a program message and return its answer, if it asked anything."""
-        return self._tree.run(message, self.report)
-
-    def report(self, error: CommandError) -> None:
-        """Queue an error; the last place of a full queue says that it is full."""
-        if len(self._errors) < ERROR_QUEUE:
-            self._errors.append(error)
-        else:
-            self._errors[-1] = CommandError(-350)
+        return self._tree.run(message, self.status.report)
 
     def _commands(self) -> list[Command]:
         """What of chapter 4 of the User's Guide drives a sine."""
         return [
+            *self.status.commands(),
             Command("*IDN", answer=asked(lambda: self._identity)),
             Command("*RST", apply=told(lambda: self._keep(GeneratorState()))),
-            Command("*CLS", apply=told(self._errors.clear)),
-            Command("*OPC", apply=none, answer=asked(lambda: "1")),
-            Command("*WAI", apply=none),
             Command("*TRG", apply=told(self._trigger)),
-            Command("SYSTem:ERRor[:NEXT]", answer=asked(self._next_error)),
-            Command("SYSTem:VERSion", answer=asked(lambda: "1999.0")),
             Command("SYSTem:REMote", apply=none),
             Command("SYSTem:LOCal", apply=none),
             Command("[SOURce:]APPLy:SINusoid", apply=self._apply_sine),
@@ -160,10 +146,6 @@ class Emulated33220A:
         output = boolean(single(parameters))
         self._change(output=output, burst_running=self._state.burst_running and output)
 
-    def _next_error(self) -> str:
-        error = self._errors.popleft() if self._errors else CommandError(0)
-        return f'{error.code:+d},"{error}"'
-
     def _trigger(self) -> None:
         state = self._state
         if not (state.burst and state.trigger_source == "BUS" and state.output) or state.burst_running:
@@ -202,7 +184,7 @@ class Emulated33220A:
         moved = offset != self._state.offset_v
         self._change(amplitude_vpp=vpp, offset_v=offset)
         if moved:
-            self.report(CommandError(-221, "offset changed due to amplitude"))
+            self.status.report(CommandError(-221, "offset changed due to amplitude"))
 
     @property
     def _amplitude_range(self) -> tuple[float, float]:
@@ -245,7 +227,7 @@ class Emulated33220A:
         # An infinite burst cannot trigger itself; the change of source is told as -221.
         if self._state.trigger_source == "IMM":
             self._change(trigger_source="BUS")
-            self.report(CommandError(-221, "infinite burst changed trigger source to BUS"))
+            self.status.report(CommandError(-221, "infinite burst changed trigger source to BUS"))
         self._change(burst_count=OPEN)
 
     def _angle(self, parameters: Sequence[str]) -> float:
@@ -267,7 +249,7 @@ class Emulated33220A:
         clipped = min(max(value, low), high)
         if not math.isclose(clipped, value, rel_tol=1e-12):
             limit = "upper" if value > high else "lower"
-            self.report(CommandError(-222, f"value clipped to {limit} limit"))
+            self.status.report(CommandError(-222, f"value clipped to {limit} limit"))
         return clipped
 
     def _displayed(self, vpp: float) -> float:

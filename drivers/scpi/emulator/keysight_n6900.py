@@ -7,7 +7,6 @@ resolution and what the slew rate does at off are from memory (M). The motor on 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,17 +17,16 @@ from drivers.scpi.emulator.command_tree import (
     CommandTree,
     asked,
     boolean,
-    none,
     number,
     single,
     told,
 )
+from drivers.scpi.emulator.status_reporting import StatusReporting
 from drivers.scpi.supply_settings import Condition, Trouble
 
 IDENTITY = "Keysight Technologies,N6954A,MY00000000,A.01.02.0123"
 RATED_V, RATED_A = 80.0, 12.5
 MOST = 1.02  # of the rating, that can be set
-ERROR_QUEUE = 20
 LSB_V = RATED_V * MOST / 2**16
 FASTEST_V_PER_S = 9.9e37
 MOTOR_A = 0.8
@@ -63,18 +61,16 @@ class EmulatedN6900:
     ) -> None:
         self._listener, self._clock, self._identity = listener, clock, identity
         self._state, self._trouble = SupplyState(), Trouble(0)
-        self._errors: deque[CommandError] = deque()
+        self.status = StatusReporting(pending_errors)
         self.output = MotorOutput(False, 0.0, 0.0, 0.0, clock())
         self._heard_s = clock()
         self._tree = CommandTree(self._commands())
-        for code in pending_errors:
-            self.report(CommandError(code))
 
     def run(self, message: str) -> str | None:
         """Run a program message and return its answer, if it asked anything."""
         self.look()
         self._heard_s = self._clock()
-        return self._tree.run(message, self.report)
+        return self._tree.run(message, self.status.report)
 
     def look(self) -> None:
         """What time alone brings: its watchdog."""
@@ -85,13 +81,6 @@ class EmulatedN6900:
         """Switch off by itself, until it is cleared; the output state stays as it was programmed."""
         self._trouble |= why
         self._put_out()
-
-    def report(self, error: CommandError) -> None:
-        """Queue an error; the last place of a full queue says that it is full."""
-        if len(self._errors) < ERROR_QUEUE:
-            self._errors.append(error)
-        else:
-            self._errors[-1] = CommandError(-350)
 
     @property
     def _on(self) -> bool:
@@ -104,15 +93,9 @@ class EmulatedN6900:
     def _commands(self) -> list[Command]:
         """What of chapter 6 turns a motor."""
         return [
+            *self.status.commands(),
             Command("*IDN", answer=asked(lambda: self._identity)),
             Command("*RST", apply=told(lambda: self._keep(SupplyState(amperes=0.0102 * RATED_A)))),
-            Command("*CLS", apply=told(self._errors.clear)),
-            Command("*OPC", apply=none, answer=asked(lambda: "1")),
-            Command("*WAI", apply=none),
-            Command("*ESR", answer=asked(lambda: "0")),
-            Command("*STB", answer=asked(lambda: "0")),
-            Command("SYSTem:ERRor[:NEXT]", answer=asked(self._next_error)),
-            Command("SYSTem:VERSion", answer=asked(lambda: "1999.0")),
             Command(
                 "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]",
                 self._number("volts", 0.0, MOST * RATED_V, "V"),
@@ -170,10 +153,6 @@ class EmulatedN6900:
         if not self._on:
             return Condition.OFF
         return Condition.CONSTANT_CURRENT if self._limited else Condition.CONSTANT_VOLTAGE
-
-    def _next_error(self) -> str:
-        error = self._errors.popleft() if self._errors else CommandError(0)
-        return f'{error.code:+d},"{error}"'
 
     def _asked(self, name: str) -> Callable[[Sequence[str]], str]:
         return asked(lambda: _shown(getattr(self._state, name)))

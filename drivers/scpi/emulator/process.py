@@ -159,7 +159,7 @@ class ScpiServer:
                 self._answer(port, answer.encode("ascii", "replace") + b"\n")
         if len(port.received) > INPUT_BUFFER:
             port.received.clear()
-            self._instrument.report(CommandError(-363))
+            self._instrument.status.report(CommandError(-363))
 
     def _run(self, line: str) -> str | None:
         """What the instrument makes of a line, as far as nothing is wrong with it."""
@@ -175,7 +175,7 @@ class ScpiServer:
     def _answer(self, port: _Port, data: bytes) -> None:
         if len(port.pending) + len(data) > OUTPUT_BUFFER:
             port.pending.clear()
-            self._instrument.report(CommandError(-430))
+            self._instrument.status.report(CommandError(-430))
             return
         port.pending += data
         self._flush(port)

@@ -229,7 +229,15 @@ def _channel_table(run: RunRecord) -> Table:
     caption = "Channels"
     if still:
         caption += f"; the twin says 0 of {listed(still)}, whose sensor shows no more than its noise"
+    if free := _not_predicted(run):
+        caption += f"; no twin predicts {listed(free)}"
     return Table(headings, rows, caption)
+
+
+def _not_predicted(run: RunRecord) -> list[str]:
+    """What was measured and no twin has, where there is one at all."""
+    twins = {name for origin, name in run.tallies if origin in ("nominal", "predicted")}
+    return [name for name in run.measured if twins and name not in twins]
 
 
 def _value(trace: Tally | None, name: str, unit: str) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import pytest
 
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
+from daq.errors import ConfigurationError
 from daq.log.writer import LogWriter
 from rig.diagnosis import calibration
 from rig.diagnosis.calibration import Calibration
@@ -116,6 +119,30 @@ def test_a_run_with_a_fault_gives_no_model(
     assert not (tmp_path / "model.toml").exists()
 
 
+def full_disk(patch: pytest.MonkeyPatch) -> None:
+    """Where nothing can be brought to the disk any more."""
+
+    def fsync(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    patch.setattr(os, "fsync", fsync)
+
+
+def test_a_disk_that_is_full_keeps_no_part_of_a_model(
+    call: Call, reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    twin = recorded([reference]).campaign.runs[0].twin
+    names = tuple(each.name for each in twin.model.lasting_tolerances(twin))
+    near = Match(Matched(names, np.zeros(len(names)), 0.1 * np.eye(len(names))), 0.5)
+    monkeypatch.setattr(calibration, "calibrated", lambda *_: Calibration(near))
+    full_disk(monkeypatch)
+    path = tmp_path / "model.toml"
+    answer = call("calibrate", reference, "-o", path)
+    assert answer.code == 1
+    assert f"cannot write {path}: No space left on device" in answer.err
+    assert not list(tmp_path.iterdir())
+
+
 MODEL = """
 rig = "impact_beam"
 runs = ["a.mcap"]
@@ -151,19 +178,73 @@ def test_a_part_that_was_changed_since_is_open_again(tmp_path: Path) -> None:
     assert carried(model, [nominal(), twin_of(other)], told.append).names == ("yoke.force.gain",)
 
 
-def test_a_calibration_of_another_specimen_is_remarked() -> None:
-    model = parse_model(MODEL.replace("[[", 'specimen = "beam 3"\n[[', 1), "model", "impact_beam")
-    told: dict[str, list[str]] = {}
-    for notes in ("", 'specimen = "beam 3"', 'specimen = "beam 7"'):
-        scenario = parse_scenario(f"{SCENARIO}\n[notes]\n{notes}\n")
-        with_model(nominal(), model, scenario, told.setdefault(notes, []).append)
-    assert list(told.values()) == [[], [], ["the model is of another specimen, beam 3; this is beam 7"]]
+OTHER = MODEL.replace("[[", 'specimen = "beam 3"\n[[', 1)
+"""The same of a specimen that the runs below are not of."""
+REFUSED = 'specimen = "beam 3": "beam 7", which scenario or runs are of'
+
+
+def noted(specimen: str) -> str:
+    return f'{SCENARIO}\n[notes]\nspecimen = "{specimen}"\n'
+
+
+@pytest.fixture(scope="module")
+def of_beam_7(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("noted") / "noted.mcap", 4, told=noted("beam 7"))
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [("gap", ()), ("diagnose", ("--out",)), ("calibrate", ("-o",)), ("overlay", ("-o",))],
+)
+def test_a_calibration_of_another_specimen_is_not_used_on_runs(
+    call: Call, of_beam_7: Path, tmp_path: Path, command: str, options: tuple[str, ...]
+) -> None:
+    model, out = tmp_path / "model.toml", tmp_path / "out"
+    model.write_text(OTHER)
+    more = [part for option in options for part in (option, out)]
+    answer = call(command, of_beam_7, "--model", model, *more)
+    assert answer.code == 2
+    assert f"{model}:\n  {REFUSED}" in answer.err
+    assert "calibrate that one, or leave --model out" in answer.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("command", "options"), [("predict", ("--out",)), ("ensemble", ())])
+def test_a_calibration_of_another_specimen_is_not_used_on_a_scenario(
+    call: Call, tmp_path: Path, command: str, options: tuple[str, ...]
+) -> None:
+    model, scenario, out = (tmp_path / name for name in ("model.toml", "scenario.toml", "p.mcap"))
+    model.write_text(OTHER)
+    scenario.write_text(noted("beam 7"))
+    more = [part for option in options for part in (option, out)]
+    answer = call(command, scenario, "--model", model, *more)
+    assert answer.code == 2
+    assert f"{model}:\n  {REFUSED}" in answer.err
+    assert not out.exists()
+
+
+def test_a_calibration_is_used_where_nothing_says_that_it_is_of_another(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(OTHER)
+    for specimen in (None, "beam 3"):
+        assert load_model(path, "impact_beam", specimen).specimen == "beam 3"
+    with pytest.raises(ConfigurationError, match=r'specimen = "beam 3": "beam 7"'):
+        load_model(path, "impact_beam", "beam 7")
+    path.write_text(MODEL)
+    assert load_model(path, "impact_beam", "beam 7").specimen is None
+
+
+def test_a_spread_about_a_model_of_another_specimen_says_so() -> None:
+    """Its runs are of several."""
+    model, told = parse_model(OTHER, "model", "impact_beam"), list[str]()
+    for specimen in ("beam 3", "beam 7"):
+        with_model(nominal(), model, parse_scenario(noted(specimen)), told.append)
+    assert told == ["the model is of another specimen, beam 3; this is beam 7"]
 
 
 @pytest.mark.parametrize("command", ["calibrate", "diagnose", "gap"])
 def test_runs_of_two_specimens_are_refused(call: Call, reference: Path, tmp_path: Path, command: str) -> None:
-    noted = SCENARIO + '\n[notes]\nspecimen = "beam 7"\n'
-    other, out = record(tmp_path / "other.mcap", 4, told=noted), tmp_path / "out"
+    other, out = record(tmp_path / "other.mcap", 4, told=noted("beam 7")), tmp_path / "out"
     options = {"calibrate": ("-o", out), "diagnose": ("--out", out)}
     answer = call(command, reference, other, *options.get(command, ()))
     assert answer.code == 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +39,7 @@ from rig.twin.logged import with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis import identification
 from sim_twin.diagnosis.campaign import Campaign
-from sim_twin.diagnosis.identification import VALUES, Round, nothing_known
+from sim_twin.diagnosis.identification import VALUES, Known, Round, nothing_known
 from sim_twin.diagnosis.subject import Draw, Observed
 from tests.rig.commands.cli import Call
 from tests.rig.commands.test_calibrate import RATE, SCENARIO, SECONDS, write
@@ -295,17 +295,35 @@ def test_a_model_file_gives_the_values(tmp_path: Path) -> None:
     assert told == ["not as the runs of the model had it, so the scenario's value holds: contact_stiffness"]
 
 
-def test_what_is_told_together_only_is_said_once_and_by_the_first_round_that_shows_it() -> None:
+def before_the_runs(*keys: str) -> Known:
     kind, scenario = RIGS["impact_beam"], parse_scenario(SCENARIO)
-    keys = ("contact_stiffness", "beam_modulus")
-    known = nothing_known([wide_of(kind, key, scenario.model, twin_of(scenario)) for key in keys])
+    return nothing_known([wide_of(kind, key, scenario.model, twin_of(scenario)) for key in keys])
+
+
+def test_what_is_told_together_only_is_said_once_and_by_the_first_round_that_shows_it() -> None:
+    known = before_the_runs("contact_stiffness", "beam_modulus")
+    first = replace(known, covariance=np.diag([0.2, 0.7]))
     alike = replace(known, covariance=np.array([[1.0, 0.95], [0.95, 1.0]]))
     said = io.StringIO()
-    rounds = [Round(9, each, np.array([0.1, 0.2]), converged=False) for each in (known, alike, alike)]
+    rounds = [Round(9, each, np.array([0.1, 0.2]), converged=False) for each in (first, alike, alike)]
     assert last_of(rounds, Screen(Terminal(file=said, width=200))) is rounds[-1]
     lines = [line for line in said.getvalue().splitlines() if line.strip()]
-    assert [line.startswith("round") for line in lines] == [True, True, False, True]
-    assert "beam_modulus and contact_stiffness are told together only" in lines[2]
+    assert [line.startswith("round") for line in lines] == [True, False, True, False, True]
+    assert "not told so far: beam_modulus;" in lines[1]
+    assert "beam_modulus and contact_stiffness are told together only" in lines[3]
+
+
+def test_runs_that_tell_nothing_end_the_search_after_its_first_round() -> None:
+    known, asked = before_the_runs("contact_stiffness", "beam_modulus"), list[int]()
+
+    def rounds() -> Iterator[Round]:
+        for number in range(3):
+            asked.append(number)
+            yield Round(9, known, np.zeros(2), converged=False)
+
+    with pytest.raises(RattleError, match="tell none of contact_stiffness and beam_modulus: nothing was"):
+        last_of(rounds(), Screen(Terminal(file=io.StringIO(), width=200)))
+    assert asked == [0]
 
 
 def test_values_that_still_moved_are_said_to_and_have_wider_intervals() -> None:

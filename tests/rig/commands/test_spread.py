@@ -7,13 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daq.errors import RattleError
+from rig.diagnosis import diagnose_runs as diagnosing
 from rig.diagnosis.lab import lab_text
 from rig.diagnosis.recordings import recorded_alone
 from rig.files.model_file import load_model
 from rig.files.scenario import parse_scenario
 from rig.twin.logged import with_model
 from rig.twin.scenario_twin import twin_of
+from sim_twin.diagnosis import campaign as simulating
+from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.spread import Spread
+from sim_twin.diagnosis.subject import Draw
+from sim_twin.ensembles.simulate import Variant
+from sim_twin.twin import AnyTwin
 from tests.rig.commands.cli import Call
 from tests.rig.commands.test_calibrate import SCENARIO, record
 from tests.rig.commands.test_identify import MODEL
@@ -44,6 +51,41 @@ def test_what_was_learnt_is_used_as_it_is_written(runs: list[Path], tmp_path: Pa
     # and as a scenario's own
     table = text[text.index("\n[tolerances]") :]
     assert parse_scenario(f"{SCENARIO}\n{table}").widths == pytest.approx(twin.widths)
+
+
+@pytest.mark.parametrize("command", ["diagnose", "gap"])
+@pytest.mark.parametrize("said_by", ["scenario", "model"])
+def test_the_rigs_of_a_diagnosis_are_as_wide_as_a_lab_says(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, said_by: str
+) -> None:
+    wide = '[tolerances]\ncontact_stiffness = "20 %"\n'
+    run = record(tmp_path / "run.mcap", 1, told=f"{SCENARIO}\n{wide}" if said_by == "scenario" else SCENARIO)
+    lab = tmp_path / "lab.toml"
+    lab.write_text(f'rig = "impact_beam"\nruns = []\nscenarios = []\n{wide}')
+    looked_at: list[Campaign] = []
+
+    def ended(subject: Campaign, *_: object) -> None:
+        looked_at.append(subject)
+        raise RattleError("seen enough")
+
+    monkeypatch.setattr(diagnosing, "diagnose", ended)
+    monkeypatch.setattr(diagnosing, "_simulated", lambda data, *_: ended(data.campaign))
+    model = ("--model", lab) if said_by == "model" else ()
+    answer = call(command, run, *model, *(("--out", tmp_path / "out") if command == "diagnose" else ()))
+    assert "seen enough" in answer.err
+    drawn: list[AnyTwin] = []
+
+    def not_simulated(variants: list[Variant], *_: object) -> list[None]:
+        drawn.extend(each.twin for each in variants)
+        return [None] * len(variants)
+
+    monkeypatch.setattr(simulating, "clean_samples", not_simulated)
+    effects = ((), (("structural_damping", {"scale": 4.0}),))
+    [campaign] = looked_at
+    campaign.observe([Draw(effects[seed % 2], seed) for seed in range(400)])
+    for half in (drawn[::2], drawn[1::2]):
+        # 200 draws know a deviation to 5 %, four of them; the usual one is 5 %
+        assert np.std([each.rig.contact_stiffness for each in half]) / 1.5e7 == pytest.approx(0.2, rel=0.2)
 
 
 def test_too_few_or_the_same_runs_are_refused(call: Call, runs: list[Path], tmp_path: Path) -> None:

@@ -65,6 +65,23 @@ def test_a_model_of_another_rig_is_refused_before_anything_moves(call: Call, tmp
     assert "impact_beam" in answer.err
 
 
+@pytest.mark.parametrize(
+    ("command", "file", "more"),
+    [("sweep", "beam_frequency.sweep.toml", ("--dry",)), ("run", "impact_beam.toml", ())],
+)
+def test_a_model_of_another_specimen_is_refused_before_anything_moves(
+    call: Call, tmp_path: Path, command: str, file: str, more: tuple[str, ...]
+) -> None:
+    model, out = tmp_path / "model.toml", tmp_path / "out"
+    model.write_text(f'specimen = "steel 3"\n{MODEL}')
+    given = ("--note", "specimen=steel 7", "--out", out, "--model", model)
+    answer = call(command, SCENARIOS / file, *more, *given)
+    assert answer.code == 2
+    assert 'specimen = "steel 3": "steel 7", which scenario or runs are of' in answer.err
+    assert "connecting" not in answer.out
+    assert not out.exists()
+
+
 def test_a_crank_above_its_maximum_speed_is_refused(call: Call, tmp_path: Path) -> None:
     text = (SCENARIOS / "crank_speed.sweep.toml").read_text().replace('to = "240 rpm"', 'to = "500 rpm"')
     (tmp_path / "fast.toml").write_text(text)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,13 +72,19 @@ def write(
     without: Collection[str] = (),
     damage: Damage = lambda block: block,
     rate: float = RATE,
+    record: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
-    """Write a recording as a measured log; `damage` changes its blocks of 0.1 s, or drops them (None)."""
+    """Write a recording as a measured log, with a `run` record.
+
+    `damage` changes its blocks of 0.1 s, or drops them (None).
+    """
     channels, samples = recorded
     kept = [(c, row) for c, row in zip(channels, samples, strict=True) if c.name not in without]
     with LogWriter(path) as log:
         if scenario is not None:
             log.add_metadata("scenario", {"toml": scenario})
+        if record:
+            log.add_metadata("run", dict(record))
         for channel, _ in kept:
             log.declare("measured", channel)
         for first in range(0, samples.shape[1], round(BLOCK_S * rate)):

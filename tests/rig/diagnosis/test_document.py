@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daq.errors import RecorderFailed
 from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment
 from rig.files.effects_file import load_effects
@@ -20,6 +21,7 @@ from sim_twin.diagnosis.findings import Findings, Gap, Judged
 from sim_twin.diagnosis.fingerprint import Columns, Layout
 from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.rigs.impact_beam.rig import MODEL
+from tests.rig.commands.test_calibrate import full_disk
 
 UPPER, DRIVE = "contact.force_upper", "drive.force"
 COLUMNS = Columns((UPPER, DRIVE), (UPPER,), 20.0, 25_600.0)
@@ -162,6 +164,13 @@ def test_the_effects_file_is_one_that_a_twin_takes(tmp_path: Path) -> None:
     ]
     write_json(path, effects_file(replace(findings(), effects=())))
     assert list(load_effects(path, MODEL.effects)) == []
+
+
+def test_a_disk_that_is_full_keeps_no_part_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full_disk(monkeypatch)
+    with pytest.raises(RecorderFailed, match=r"effects\.json: No space left on device"):
+        write_json(tmp_path / "effects.json", effects_file(findings()))
+    assert not list(tmp_path.iterdir())
 
 
 def test_nan_is_never_written(tmp_path: Path) -> None:

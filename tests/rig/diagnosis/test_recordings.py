@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -15,6 +17,7 @@ from scipy import signal
 from daq.block import Flag, SampleBlock
 from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError
+from daq.log.records import RANGE
 from rig.diagnosis.recordings import recorded
 from sim_twin.diagnosis.subject import Draw, Named
 from tests.rig.diagnosis.measured_log import BEAM, BLOCK, CRANK, RATE, Damage, flagged, recording, write
@@ -119,6 +122,16 @@ def test_several_runs_are_one_campaign_with_as_many_blocks_as_the_shortest(tmp_p
     assert [run.cycles for run in found.campaign.runs] == [14, 8]
 
 
+def test_runs_stand_in_the_order_in_which_they_were_made(tmp_path: Path) -> None:
+    def an_hour_later(block: SampleBlock) -> SampleBlock:
+        return replace(block, time_ns=block.time_ns + 3600 * 10**9)
+
+    first = write(tmp_path / "b.mcap", beam(), BEAM)
+    second = write(tmp_path / "a.mcap", turned(beam()), BEAM, damage=an_hour_later)
+    for named in ([first, second], [second, first]):
+        assert recorded(named).paths == (first, second)
+
+
 def test_a_crank_is_followed_by_its_encoder(log: Path) -> None:
     found = recorded([write(log, crank(), CRANK)])
     assert found.campaign.runs[0].columns.frequency == pytest.approx(200 / 60, rel=1e-3)
@@ -170,6 +183,39 @@ def test_a_crank_without_its_encoder_is_followed_by_its_marker(tmp_path: Path) -
     assert np.isfinite(np.array(found.campaign.observe([Draw((), 1)])[0][0])).all()
 
 
+def test_a_mark_on_a_counter_cuts_the_cycles_and_is_not_compared(tmp_path: Path) -> None:
+    """Of one sample each, at twice the rate that is looked at, and between the samples that are."""
+    whole = recorded([write(tmp_path / "all.mcap", crank(), CRANK)])
+    channels, samples = crank()
+    marker = [channel.name for channel in channels].index("crank.marker")
+    high = samples[marker] > 2.5
+    finer = np.repeat(samples, 2, axis=1)
+    finer[marker] = 0.0
+    finer[marker, 2 * np.flatnonzero(high[1:] & ~high[:-1]) + 3] = 5.0
+    record = {
+        "chain.crank.marker": json.dumps({"physical": "cDAQ1Mod3/ctr1", "kind": "marker"}),
+        f"{RANGE}crank.marker": "5.0",
+    }
+    log = write(
+        tmp_path / "counted.mcap",
+        (channels, finer),
+        CRANK.replace("25.6 kHz", "51.2 kHz"),
+        without={"crank.angle"},
+        rate=2 * RATE,
+        record=record,
+    )
+    found = recorded([log])
+    setting = found.campaign.runs[0]
+    assert setting.columns.rate == RATE
+    assert setting.reference == "crank.marker"
+    assert "crank.marker" not in setting.columns.channels
+    told = [remark for remark in found.remarks if "crank.marker" in remark]
+    assert told == ["counted.mcap: crank.marker tells the cycles in place of crank.angle"]
+    starts = [each.campaign.runs[0].cycles_in(each.records[0]).starts(90_000) for each in (whole, found)]
+    assert np.abs(np.subtract(*starts)).max() <= 4
+    assert np.isfinite(np.array(found.campaign.observe([Draw((), 1)])[0][0])).all()
+
+
 def test_another_missing_channel_is_remarked_and_its_effects_are_no_candidates(log: Path) -> None:
     found = recorded([write(log, beam(), BEAM, without={YOKE})])
     assert found.remarks == (f"run.mcap: no {YOKE}: what only it shows cannot be found",)
@@ -212,6 +258,62 @@ def test_a_run_that_cannot_be_used_is_left_out_where_another_stands_in(tmp_path:
     ]
     with pytest.raises(LogError, match=r"short\.mcap: .*; .*blind\.mcap: no drive\.force"):
         recorded(paths[:2])
+
+
+def broken(path: Path) -> Path:
+    """A run whose log has other bytes in its middle than were written."""
+    content = bytearray(write(path, turned(beam()), BEAM).read_bytes())
+    middle, wide = len(content) // 2, len(content) // 20  # more than one block of samples
+    content[middle : middle + wide] = bytes(wide)
+    path.write_bytes(content)
+    return path
+
+
+def no_log(path: Path) -> Path:
+    path.write_bytes(b"hello")
+    return path
+
+
+UNREADABLE: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "broken log": (broken, "damaged"),
+    "no log": (no_log, "not a log"),
+    "declared, no samples": (
+        lambda path: write(path, turned(beam()), BEAM, damage=lambda b: b if b.channel != YOKE else None),
+        rf"samples of /measured/{YOKE}: none",
+    ),
+    "no scenario": (lambda path: write(path, turned(beam()), None), "no scenario in it"),
+    "faulty scenario": (
+        lambda path: write(path, turned(beam()), BEAM.replace('"9 N"', '"9 kg"')),
+        r'what it says of its rig cannot be used: drive\.amplitude = "9 kg"',
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", UNREADABLE)
+def test_a_run_that_cannot_be_read_is_left_out_where_another_stands_in(tmp_path: Path, kind: str) -> None:
+    odd, told = UNREADABLE[kind]
+    paths = [odd(tmp_path / "odd.mcap"), write(tmp_path / "sound.mcap", beam(), BEAM)]
+    for given in (paths, paths[::-1]):
+        found = recorded(given)
+        assert found.paths == (paths[1],)
+        assert len(found.remarks) == 1
+        assert re.match(rf"odd\.mcap is left out: .*{told}", found.remarks[0])
+        assert "\n" not in found.remarks[0]
+    with pytest.raises((ConfigurationError, LogError), match=r"odd\.mcap"):
+        recorded(paths[:1])
+
+
+def test_where_no_run_can_be_read_each_is_told(tmp_path: Path) -> None:
+    paths = [write(tmp_path / "bare.mcap", beam(), None), no_log(tmp_path / "text.mcap")]
+    with pytest.raises(LogError, match=r"bare\.mcap: no scenario in it.*; .*text\.mcap: not a log"):
+        recorded(paths)
+
+
+@pytest.mark.parametrize("name", ["absent.mcap", "."])
+def test_a_path_that_is_no_file_is_an_error_whatever_else_is_there(tmp_path: Path, name: str) -> None:
+    sound = write(tmp_path / "sound.mcap", beam(), BEAM)
+    with pytest.raises(LogError, match=r"No such file|a folder"):
+        recorded([sound, tmp_path / name])
 
 
 @pytest.mark.parametrize(

@@ -37,12 +37,25 @@ def values(swept: Sweep, key: str) -> list[object]:
     return [point.settings[key] for point in swept.points]
 
 
-@pytest.mark.parametrize("name", ["beam_frequency.sweep.toml", "crank_speed.sweep.toml"])
+@pytest.mark.parametrize(
+    "name", ["beam_frequency.sweep.toml", "beam_frequency_27.sweep.toml", "crank_speed.sweep.toml"]
+)
 def test_the_examples_are_sound(name: str) -> None:
     assert isinstance(load_any(SCENARIOS / name), Sweep)
     swept = load_sweep(SCENARIOS / name)
     for point in swept.points:
         assert parse_scenario(point.scenario.text) == point.scenario
+
+
+def test_the_sweep_of_figure_10_has_27_frequencies_one_clearance_and_15_impacts() -> None:
+    swept = load_sweep(SCENARIOS / "beam_frequency_27.sweep.toml")
+    hertz = [point.scenario.drive.frequency for point in swept.points]
+    assert (len(hertz), hertz[0], hertz[-1], hertz == sorted(hertz)) == (27, 19.5, 21.0, True)
+    assert [point.scenario.model["clearance"] for point in swept.points] == pytest.approx([0.127e-3] * 27)
+    assert not any(axis.by_hand or axis.both_ways for axis in swept.axes)
+    assert swept.until is not None
+    assert (swept.until.impacts, swept.until.longest) == (15, 5.0)
+    assert swept.until.longest > swept.until.impacts / (2 * hertz[0])  # two half cycles, one impact each
 
 
 def test_other_values_of_its_scenario_stand_in_every_point_and_leave_the_sweep_as_it_is() -> None:

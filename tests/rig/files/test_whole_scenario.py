@@ -71,6 +71,17 @@ def test_a_key_that_another_decides_may_be_given_with_it(rig: str) -> None:
         assert numbers(twin_of(scenario)) == pytest.approx(numbers(twin_of(without)), rel=1e-14, abs=0.0)
 
 
+@RIG
+def test_every_section_stands_in_it_and_its_notes_are_read_as_they_stand(rig: str) -> None:
+    text = whole_scenario(RIGS[rig])
+    for section in ("model", "drive", "acquisition", "tolerances", "limits", "notes"):
+        assert re.search(rf"^(?:# )?\[{section}[\].]", text, re.MULTILINE), section
+    head, notes = text.split("# [notes]\n")
+    given = parse_scenario(f"{head}[notes]\n" + re.sub(r"^# ", "", notes, flags=re.MULTILINE))
+    assert given.notes == {"operator": "...", "specimen": "..."}
+    assert parse_scenario(text).notes == {}
+
+
 def test_a_part_that_is_not_there_has_no_keys() -> None:
     text = whole_scenario(RIGS["impact_beam"])
     thicker = text.replace("# base_plate_thickness", "base_plate_thickness")

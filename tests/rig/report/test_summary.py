@@ -8,7 +8,7 @@ from daq.errors import LogError
 from daq.log.records import Event, Gap
 from daq.log.writer import LogWriter
 from rig.derived.settings import RECORD, STOPPED
-from rig.pages.content import BigNumbers
+from rig.pages.content import BigNumbers, Table
 from rig.report.record import Verdict, read_run
 from rig.report.sections.summary import parts as summary_parts
 from rig.report.summary import as_json, half_cycle_statistics
@@ -106,6 +106,19 @@ def test_a_gap_of_a_measured_channel_is_one_and_of_a_prediction_none(
     numbers = next(part for part in summary_parts(cut) if isinstance(part, BigNumbers))
     samples = next(each for each in numbers.numbers if each.label == "Samples")
     assert samples.text == ("cut short" if count else "complete")
+
+
+def test_what_no_twin_predicts_is_named(tmp_path: Path) -> None:
+    run = read_run(write_log(tmp_path / "run.mcap", 0.2))
+    (table,) = (part for part in summary_parts(run) if isinstance(part, Table))
+    assert "no twin predicts" not in table.caption
+    free = ("yoke.force", "base.acceleration")
+    twins = {key: each for key, each in run.tallies.items() if key[0] == "measured" or key[1] not in free}
+    (table,) = (part for part in summary_parts(replace(run, tallies=twins)) if isinstance(part, Table))
+    assert table.caption == "Channels; no twin predicts yoke.force and base.acceleration"
+    alone = read_run(write_log(tmp_path / "alone.mcap", 0.2, origins=["measured"]))
+    (table,) = (part for part in summary_parts(alone) if isinstance(part, Table))
+    assert table.caption == "Channels"  # that there is no prediction at all is said above it
 
 
 def test_a_log_without_a_sample_has_no_numbers(tmp_path: Path) -> None:

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from daq.errors import ConfigurationError, LogError
-from drivers.ni_daq.emulator.wiring import ResonanceStage
+from drivers.ni_daq.emulator.converter import EdgeCount
+from drivers.ni_daq.emulator.wiring import CounterWire, ResonanceStage
+from drivers.ni_daq.sensors import MarkPulses
 from rig.emulated_rig import drawn_rig
 from rig.emulation import wiring_of
 from rig.files.bench import Bench, embedded_bench, parse_bench
@@ -108,6 +110,30 @@ def test_encoder_and_marker_of_a_crank() -> None:
     assert twin.rig.marker_angle == pytest.approx(radians(37))
     assert twin.sensors["crank.marker"].limit == inf  # turned round, it has no such end
     assert mounted(twin_of(CRANK), declared_by(mark, RATE)).rig == twin.rig
+
+
+def test_a_marker_on_a_counter_is_predicted_as_the_counter_shows_it() -> None:
+    old = 'physical = "cDAQ1Mod1/ai3"\nkind = "marker"\nrange = "10 V"'
+    new = 'physical = "cDAQ1Mod3/ctr1"\nkind = "marker"\nrange = "5 V"'
+    bench = bench_of("planar_slider_crank", "crank.marker", 'angle = "37 deg"\n', old, new)
+    record = declared_by(bench, RATE)
+    counted, seen = twin_of(CRANK, (), record), mounted(twin_of(CRANK), record)
+    assert counted.sensors["crank.marker"].edges == 5.0
+    rows = []
+    for twin in (counted, seen):
+        stream = twin.model.stream(twin, RATE)
+        stream.drive(twin.drive, 1.0)
+        rows.append(stream.advance(25_600)[twin.channels.index("crank.marker")])
+    predicted, mark = rows
+    counter, card = EdgeCount(CounterWire("crank.marker")), MarkPulses(5.0)
+    shown = card(counter(mark))
+    assert set(predicted.tolist()) == set(shown.tolist()) == {0.0, 5.0}
+    by_twin, by_card = np.flatnonzero(predicted), np.flatnonzero(shown)
+    assert len(by_twin) == len(by_card) == 3
+    assert np.abs(by_twin - by_card).max() <= 1  # the counter's comparator has a hysteresis
+    reference = reference_among(counted.model.channels, ("crank.marker",), counted)
+    # half a sample is 4e-4 rad, and three marks tell the speed
+    assert reference.align(predicted, RATE, 0, counted.drive).phase == pytest.approx(1.0, abs=3e-3)
 
 
 def test_a_record_that_cannot_be_read_is_told() -> None:

@@ -116,6 +116,14 @@ def test_an_encoder_counts_and_carries_no_noise() -> None:
     assert np.all((angle - shown >= 0) & (angle - shown < 2 * np.pi / 4096))
 
 
+def test_a_marker_on_a_counter_shows_one_sample_an_edge_and_carries_no_noise() -> None:
+    mark = np.where(np.arange(10_000) % 2000 < 50, 5.0, 0.0)
+    counter = SensorChain(noise=0.02, edges=10.0)
+    (shown,) = through_chains(mark[None], [counter], RATE, 1.0, np.random.default_rng(0))
+    assert np.flatnonzero(shown).tolist() == [2000, 4000, 6000, 8000]
+    assert set(shown.tolist()) == {0.0, 10.0}
+
+
 def test_each_row_goes_through_its_own_sensor() -> None:
     clean = np.stack([periodic(RATE, 1.0, 2000.0)] * 2)
     one, other = through_chains(

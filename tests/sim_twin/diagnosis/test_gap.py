@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -40,6 +42,22 @@ def test_the_gap_grows_with_the_distance() -> None:
     assert np.all(np.diff(totals[1:]) > 0)
     # far away the distance is the shift, in floors: mean |x| of a bell of variance 2, over the healthy unit
     assert totals[-1] == pytest.approx(16 / (2 / np.sqrt(np.pi)) / measure.unit, rel=0.1)
+
+
+def test_two_runs_lie_as_far_apart_as_what_a_rig_shows_otherwise_in_them() -> None:
+    layout = Layout(tuple(replace(cell, run=run) for run in (0, 1) for cell in LAYOUT.cells))
+    healthy = [np.concatenate([each, each], axis=1) for each in rigs(100, 1)]
+    measure = gap_measure(healthy, layout)
+    one = rigs(1, 3)[0]
+    other = np.concatenate([one, one + 4.0], axis=1)
+    assert measure.between(healthy[0], 0, 1) == pytest.approx(0.0, abs=1e-9)
+    # wherever the two lie: as far as a rig that is off by as much from the twin itself
+    off = measure.of_runs((measure.twin + 4.0)[None])
+    assert [measure.between(other, *pair) for pair in ((0, 1), (1, 0))] == pytest.approx(off)
+    assert measure.of_runs(other)[0] < 2.0 < measure.of_runs(other)[1]
+    assert measure.course(other) == [[measure.of_runs(each[None])[run] for each in other] for run in (0, 1)]
+    fewer = gap_measure([each[:, :-SLICES] for each in healthy], Layout(layout.cells[:-1]))
+    assert fewer.between(other[:, :-SLICES], 0, 1) is None
 
 
 def test_a_cell_is_the_wasserstein_distance_of_its_distributions() -> None:

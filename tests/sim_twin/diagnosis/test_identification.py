@@ -64,6 +64,15 @@ class Bent:
         return np.asarray(means + own + rng.standard_normal((draw.blocks, NUMBERS)), np.float32)
 
 
+class Unmoved(Bent):
+    """A rig of which nothing shows any of its values."""
+
+    def shown(self, draw: Draw) -> np.ndarray:
+        rng = np.random.default_rng(draw.seed)
+        own = 0.5 * rng.standard_normal(NUMBERS)
+        return np.asarray(own + rng.standard_normal((draw.blocks, NUMBERS)), np.float32)
+
+
 @cache
 def looked_for(number: int) -> tuple[tuple[Round, ...], np.ndarray]:
     rng = np.random.default_rng([7, number])
@@ -100,6 +109,16 @@ def test_what_goes_together_is_said() -> None:
     for number in range(RIGS):
         rounds, _ = looked_for(number)
         assert rounds[-1].known.together() == [("length", "mass")]
+
+
+def test_a_first_round_says_whether_the_runs_tell_anything() -> None:
+    for number in range(RIGS):
+        rounds, _ = looked_for(number)
+        assert not rounds[0].known.as_open_as_before()
+        rng, measured = np.random.default_rng([8, number]), Unmoved().shown(Draw((), number, blocks=2))
+        with threadpool_limits(1, user_api="blas"):
+            first = next(fitted_rounds(Unmoved(), WIDES, measured, Unmoved().observe, rng))
+        assert first.known.as_open_as_before()
 
 
 def test_it_ends_where_nothing_moves_any_more() -> None:
