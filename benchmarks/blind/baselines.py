@@ -67,16 +67,20 @@ def _by_chance(case: Case, rng: np.random.Generator) -> Answer:
 
 
 def _shares(case: Case, cases: Sequence[Case]) -> dict[str, float]:
+    labels = _labels(case)
     truths = Counter(
-        label for other in cases if other.campaign.rig == case.campaign.rig for label in sorted(other.truth)
+        label
+        for other in cases
+        if other.campaign.rig == case.campaign.rig
+        for label in sorted(other.truth.intersection(labels))
     )
-    return {label: truths[label] / truths.total() for label in _labels(case)}
+    return {label: truths[label] / max(1, truths.total()) for label in labels}
 
 
 def _best_residual(case: Case) -> Answer | None:
     if case.answer is None:
         return None
-    catalogue = CATALOGUE[case.campaign.rig]  # no truth has what people wire wrongly
+    catalogue = CATALOGUE[case.campaign.rig]  # what people wire wrongly is judged by no baseline
     shrinks = {each.name: each.shrink or 0.0 for each in case.answer.effects if each.name in catalogue}
     best = max(shrinks, key=lambda name: shrinks[name])
     chosen = best if shrinks[best] >= _LEAST_SHRINK else NONE

@@ -10,13 +10,15 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from benchmarks.blind.catalogue import BEAM, CATALOGUE, PIVOTED_ONLY, EffectEntry
+from benchmarks.blind.catalogue import BEAM, CATALOGUE, PIVOTED_ONLY, WIRED, EffectEntry, swapped_by
 from benchmarks.blind.operating_points import PointOfRun, left_out, points
 from benchmarks.blind.outsiders import Outside
 from benchmarks.blind.sets import HEALTHY, HIDDEN, OUTSIDE, RIGS, SETS, CheckSet, Kind
 
 MOST_RUNS = 3
 _ALUMINIUM_SHARE = 0.2
+_COUNTED = "crank.angle"
+"""No analog channel: the others can be late against it."""
 _ONE_STIFFNESS = frozenset(("contact_stiffness", "hertzian_contact"))
 """A pair of these has no meaning of its own: the second replaces what the first scales."""
 
@@ -36,6 +38,14 @@ def channel_of(effect: EffectEntry) -> str:
     """The channel that an effect sits on; empty where it sits on none."""
     values = effect["parameters"]
     return str(values.get("channel", "")) if isinstance(values, dict) else ""
+
+
+def _needed(effect: EffectEntry) -> tuple[str, ...]:
+    """Channels without which nobody can see what is wrong with them."""
+    values = effect["parameters"]
+    if effect["name"] == "swapped_channels" and isinstance(values, dict):
+        return swapped_by(values)
+    return (_COUNTED,) if effect["name"] == "analog_delay" else (channel_of(effect),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +215,8 @@ def _hidden(
 ) -> Iterator[tuple[EffectEntry | Outside, ...]]:
     if kind in OUTSIDE:
         yield from ((each,) for each in _outsiders(engine.MILD if kind == "mild" else engine.STRONG, rng))
-    names, number = list(CATALOGUE[rig]), HIDDEN[kind]
+    causes, number = (WIRED if kind == "wired" else CATALOGUE)[rig], HIDDEN[kind]
+    names = list(causes)
     if number == 0:
         yield from cycle(((),))
     turns = chain.from_iterable(rng.permutation(names) for _ in cycle((0,)))
@@ -214,7 +225,7 @@ def _hidden(
         while len(together) < number or together >= _ONE_STIFFNESS:
             others = rng.choice(names, number - 1, replace=False)
             together = {str(first), *(str(other) for other in others)}
-        yield tuple(CATALOGUE[rig][name].draw(rng) for name in sorted(together, key=names.index))
+        yield tuple(causes[name].draw(rng) for name in sorted(together, key=names.index))
 
 
 def _outsiders(every: Sequence[Outside], rng: np.random.Generator) -> Iterator[Outside]:
@@ -234,7 +245,7 @@ def _campaign(
     pivoted = bool(outsiders) or any(effect["name"] in PIVOTED_ONLY for effect in effects)
     aluminium = rig == BEAM and not of.labs and not pivoted and rng.random() < _ALUMINIUM_SHARE
     settings = points(rig, runs, rng, "aluminium" if aluminium else "steel")
-    needed = {channel_of(effect) for effect in effects}
+    needed = {name for effect in effects for name in _needed(effect)}
     return Campaign(
         name="",
         rig=rig,

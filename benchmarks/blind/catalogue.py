@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -159,9 +159,39 @@ CATALOGUE: Mapping[str, Mapping[str, Cause]] = {
 }
 
 
+_FACTOR = _one("factor", (-1.05, -0.95), (0.095, 0.105), (9.5, 10.5))
+
+
+def _wired(sensed: tuple[str, ...], alike: tuple[str, ...], *more: Cause) -> dict[str, Cause]:
+    """Of sensors whose sensitivity or sign may be wrong, and of those `alike`, which may be swapped."""
+    other = _one("other", (1.0, len(alike) - 1.0), spacing="whole")
+    factor = Cause("sensor_factor", "sensor", _FACTOR, sensed)
+    swapped = Cause("swapped_channels", "sensor", other, alike)
+    return {cause.name: cause for cause in (factor, swapped, *more)}
+
+
+WIRED: Mapping[str, Mapping[str, Cause]] = {
+    BEAM: _wired(("drive.force", *_FORCES), _FORCES),
+    CRANK: _wired(_FRAMES, _FRAMES, Cause("analog_delay", "clock", _SKEW)),
+    SPATIAL: _wired(_TOUCHED, _TOUCHED),
+}
+"""What people wire wrongly, which the twins' catalogues hold beside these; a set of its own draws it.
+
+The spatial crank has nothing that its analog channels could be late against.
+"""
+
+
+def swapped_by(values: Mapping[str, Any]) -> tuple[str, str]:
+    """The channels of a `swapped_channels`: one, and the `other`-th one after it of its kind, in a ring."""
+    one = str(values["channel"])
+    ring = next(kind for kind in (_FORCES, _FRAMES, _TOUCHED) if one in kind)
+    return one, ring[(ring.index(one) + int(values["other"])) % len(ring)]
+
+
 def main_parameter(name: str, parameters: Mapping[str, object]) -> str:
     """The parameter that an effect is judged by: the first, or the larger harmonic of a distortion."""
     if name == "drive_distortion":
         return max(("second", "third"), key=lambda each: float(str(parameters[each])))
-    causes = (catalogue[name] for catalogue in CATALOGUE.values() if name in catalogue)
+    every = (*CATALOGUE.values(), *WIRED.values())
+    causes = (catalogue[name] for catalogue in every if name in catalogue)
     return next(causes).quantities[0].name

@@ -79,8 +79,7 @@ def brier(case: Case) -> float:
 def calibration_error(cases: Sequence[Case]) -> float:
     """Expected calibration error of the first answer's probability in ten bins of equal number.
 
-    Failed diagnoses gave no probability and are left out. Where the runs cannot show what is hidden, "none"
-    is right too.
+    Where the runs cannot show what is hidden, "none" is right too.
     """
     said, right = _said_and_right(cases)
     return _binned_error(said, right)
@@ -95,7 +94,7 @@ def calibrated_error(cases: Sequence[Case]) -> float:
 
 
 def _said_and_right(cases: Sequence[Case]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    pairs = np.array([confidence(case) for case in cases if case.answer is not None]).reshape(-1, 2)
+    pairs = np.array([confidence(case) for case in cases]).reshape(-1, 2)
     return pairs[:, 0], pairs[:, 1]
 
 
@@ -107,8 +106,9 @@ def _binned_error(said: NDArray[np.float64], right: NDArray[np.float64]) -> floa
 
 
 def confidence(case: Case) -> tuple[float, float]:
-    """Probability of the first answer, and 1 if it is right."""
-    assert case.answer is not None
+    """Probability of the first answer, and 1 if it is right; a failed diagnosis was sure, and wrong."""
+    if case.answer is None:
+        return 1.0, 0.0
     label, probability = case.answer.ranking()[0]
     right = case.truth if case.visible else case.truth | {NONE}
     return probability, float(label in right)

@@ -116,18 +116,22 @@ def _named(work: Any, folder: Path, campaign: Campaign) -> tuple[str, Gaps]:
 
 def _gaps_of(folder: Path, campaign: Campaign) -> Gaps:
     known = truth_gaps(folder, campaign)
-    if not campaign.right_page or campaign.kind in OUTSIDE:  # what an answer closes there is another question
+    if _only_truth(campaign):
         return known
     after = answer_gap(folder, campaign)
     return Gaps(known.before, known.oracle, known.before if after is None else after)
+
+
+def _only_truth(campaign: Campaign) -> bool:
+    """Whether what an answer closes is another question, or judged by no figure."""
+    return not campaign.right_page or campaign.kind in (*OUTSIDE, "wired")
 
 
 def _known_gaps(folder: Path, campaigns: Sequence[Campaign]) -> dict[str, Gaps]:
     return {
         each.name: _gaps_of(folder, each)
         for each in campaigns
-        if known_gaps(folder, each) is not None
-        and (not each.right_page or each.kind in OUTSIDE or answer_is_measured(folder, each))
+        if known_gaps(folder, each) is not None and (_only_truth(each) or answer_is_measured(folder, each))
     }
 
 

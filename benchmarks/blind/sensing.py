@@ -1,8 +1,8 @@
 """A measuring chain of its own for the blind check: from the engine's fine truth to channel samples.
 
 In order: skew and second-order low-pass (both in the frequency domain), linear-phase anti-alias filter with
-decimation, first-order high-pass in steady state, gain, faults, white noise, 24-bit quantisation. No net
-delay.
+decimation, first-order high-pass in steady state, gain, faults, white noise, 24-bit quantisation, a wrong
+factor. No net delay.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
+from benchmarks.blind.catalogue import swapped_by
+
 Array: TypeAlias = NDArray[np.float64]
 Fault: TypeAlias = Callable[[Array, float, np.random.Generator], Array]
 """What a channel's electronics do wrong: samples, sample rate in Hz, random numbers -> samples."""
@@ -23,12 +25,16 @@ Fault: TypeAlias = Callable[[Array, float, np.random.Generator], Array]
 _SIDE_LOBES_DB = 84.0
 _TAPS_PER_FACTOR = 62
 
+WIRING = ("sensor_factor", "swapped_channels", "analog_delay")
+"""What is wrong between sensors and card; any rig's chains know it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Chain:
     """One channel. `noise` rms and `full_scale` in its unit; it shows x(t - `skew`), skew in s.
 
-    `high_pass` and `low_pass` are corner frequencies in Hz, None where the channel has none.
+    `high_pass` and `low_pass` are corner frequencies in Hz, None where the channel has none. `factor` is what
+    a wrong sensitivity or sign makes of its numbers.
     """
 
     noise: float
@@ -38,6 +44,7 @@ class Chain:
     high_pass: float | None = None
     low_pass: float | None = None
     faults: tuple[Fault, ...] = ()
+    factor: float = 1.0
 
 
 def healthy(rng: np.random.Generator, noise: float, full_scale: float, gain_spread: float = 0.005) -> Chain:
@@ -46,13 +53,17 @@ def healthy(rng: np.random.Generator, noise: float, full_scale: float, gain_spre
 
 
 def altered(chain: Chain, channel: str, effects: Sequence[Mapping[str, Any]]) -> Chain:
-    """`chain` with those of the sensor and clock effects that concern `channel`."""
+    """The `chain` of an analog channel with those of the sensor and clock effects that concern it."""
     for effect in effects:
         values = effect["parameters"]
+        if effect["name"] == "analog_delay":
+            chain = replace(chain, skew=chain.skew + values["seconds"])
         if values.get("channel") != channel:
             continue
         if effect["name"] == "sensor_gain":
             chain = replace(chain, gain=chain.gain * values["gain"])
+        elif effect["name"] == "sensor_factor":
+            chain = replace(chain, factor=chain.factor * values["factor"])
         elif effect["name"] == "sensor_droop":
             chain = replace(chain, high_pass=values["corner_hz"])
         elif effect["name"] == "sensor_bandwidth":
@@ -60,6 +71,16 @@ def altered(chain: Chain, channel: str, effects: Sequence[Mapping[str, Any]]) ->
         elif effect["name"] == "time_skew":
             chain = replace(chain, skew=chain.skew + values["seconds"])
     return chain
+
+
+def plugged(fine: Mapping[str, Array], effects: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+    """The signals by the channels that their sensors are plugged into."""
+    found = dict(fine)
+    for effect in effects:
+        if effect["name"] == "swapped_channels":
+            one, other = swapped_by(effect["parameters"])
+            found[one], found[other] = found[other], found[one]
+    return found
 
 
 def sensed(
@@ -85,7 +106,8 @@ def sensed(
         raise ValueError(f"{count - len(samples)} samples are missing at the end")
     for fault in chain.faults:
         samples = fault(samples, sample_rate, rng)
-    return quantised(samples + chain.noise * rng.standard_normal(count), chain.full_scale)
+    shown = quantised(samples + chain.noise * rng.standard_normal(count), chain.full_scale)
+    return np.asarray(chain.factor * shown)
 
 
 def quantised(samples: Array, full_scale: float) -> Array:

@@ -38,7 +38,7 @@ def predict(
     scenario = load_scenario(scenario_file)
     screen, wanted = Screen(Terminal(stderr=as_json)), scenario.acquisition
     twin = twin_of(scenario)
-    fitted = None if model is None else load_model(model, scenario.rig)
+    fitted = None if model is None else load_model(model, scenario.rig, scenario.specimen)
     if fitted is not None:
         twin = with_model(twin, fitted, scenario, screen.warn)
     if effects is not None:
@@ -140,7 +140,7 @@ def ensemble(
         raise RattleError(f"{out}: its folder does not exist; make it first, nothing was simulated")
     twin, screen = twin_of(scenario), Screen(Terminal(stderr=machine))
     if model is not None:
-        twin = with_model(twin, load_model(model, scenario.rig), scenario, screen.warn)
+        twin = with_model(twin, load_model(model, scenario.rig, scenario.specimen), scenario, screen.warn)
     population = Population(twin if effects is None else with_effects(twin, effects), any_phase=False)
     if scheduler is None:
         source = ensembles.worker_processes(workers or ensembles.cores())

@@ -82,7 +82,7 @@ def run(
             scenario = load_scenario(scenario_file, changed)
         at_most = lasting(scenario.acquisition.duration)
         screen.say(f"Enter ends the record, at the latest after {at_most}; Ctrl-C stops the run at once")
-    fitted = None if model is None else load_model(model, scenario.rig)
+    fitted = None if model is None else load_model(model, scenario.rig, scenario.specimen)
     clock = SystemClock()
     check_pair(scenario, bench, datetime.datetime.now(datetime.UTC).date(), free_bytes(out))
     check_twin(scenario)

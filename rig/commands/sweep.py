@@ -152,7 +152,7 @@ def sweep(
     if yes and real:
         allowed = "not with real instruments: what is set by hand has to be confirmed by who sets it"
         raise ConfigurationError(bench.source, [Problem("--yes", ", ".join(real), allowed)])
-    fitted = None if model is None else load_model(model, swept.rig)
+    fitted = None if model is None else load_model(model, swept.rig, swept.points[0].scenario.specimen)
     request = SweepRequest(swept, bench, connect, folder, asked, set_again, yes, fitted)
     _dry_check(request, screen)
     if dry:

@@ -20,7 +20,7 @@ from annotated_types import Ge, Le
 from pydantic import Strict
 
 from daq.quantity import Key, Quantity, Text, Whole
-from rig.files.faults import Faults, dotted, read_toml, toml_key
+from rig.files.faults import Faults, as_written, dotted, read_toml, toml_key
 from rig.files.file_kind import read_file
 from rig.files.quantity import si_factor
 from rig.files.scenario import MOST_TIMES
@@ -104,10 +104,22 @@ class ModelFile:
     discrepancies: tuple[Discrepancy, ...] = ()
     specimen: str | None = None
 
+    def of_another(self, specimen: str | None) -> bool:
+        """Whether it is of another specimen, where both are known."""
+        return None not in (self.specimen, specimen) and self.specimen != specimen
 
-def load_model(path: str | Path, rig: str) -> ModelFile:
-    """Read a model of `rig`; raises ConfigurationError with every fault in the file, or of another rig."""
-    return parse_model(read_file(path, "model"), str(path), rig)
+
+def load_model(path: str | Path, rig: str, specimen: str | None = None) -> ModelFile:
+    """Read a model of `rig`; raises ConfigurationError with every fault in the file, or of another rig.
+
+    `specimen` is what it is to stand for, where that is known: a model of another one is refused.
+    """
+    model, faults = parse_model(read_file(path, "model"), str(path), rig), Faults(str(path))
+    if model.of_another(specimen):
+        told = f"{as_written(specimen)}, which scenario or runs are of by their [notes]"
+        faults.add("specimen", model.specimen, f"{told}; calibrate that one, or leave --model out")
+    faults.raise_if_any()
+    return model
 
 
 def parse_model(text: str, source: str, rig: str) -> ModelFile:

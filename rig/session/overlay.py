@@ -65,7 +65,7 @@ def overlay_run(
         if not measured:
             raise LogError(f"{run}: nothing measured in it")
         twin = logged_twin(log, scenario)
-        fitted = None if model is None else load_model(model, scenario.rig)
+        fitted = None if model is None else load_model(model, scenario.rig, scenario.specimen)
         if fitted is not None:
             twin = with_model(twin, fitted, scenario, warn)
         learnt = None

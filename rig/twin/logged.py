@@ -55,7 +55,8 @@ def with_values(twin: AnyTwin, model: ModelFile, scenario: Scenario, warn: Calla
     A value of which the scenario says something else than those of the model's runs did is another by now.
     """
     kind, given = RIGS[scenario.rig], scenario.model
-    if None not in (model.specimen, scenario.specimen) and model.specimen != scenario.specimen:
+    # not refused here: a spread is of several rigs about one's values, a log keeps what made its prediction
+    if model.of_another(scenario.specimen):
         warn(f"the model is of another specimen, {model.specimen}; this is {scenario.specimen}")
     held = held_values(model, scenario)
     if other := [key for key in model.model if key not in held]:

@@ -57,7 +57,7 @@ def with_others(search: Search, found: Ranked, rng: np.random.Generator) -> Iter
     with_found = _With(search.execute, found.hypothesis, wide)
     second = Search(
         search.subject, search.measured, with_found, rng, Library(), search.motions, search.told, others,
-        doubting=False,
+        of_longest=search.of_longest, doubting=False,
     )  # fmt: skip
     for look in (second.until_one_leads, second.go_on):
         try:

@@ -38,7 +38,7 @@ Blocks = NDArray[np.float32]
 _SIMULATING = 0.58
 """Of a budget; the rest goes into what is made of it."""
 _CORES = 2
-_LEAST_MOTIONS, _MOST_MOTIONS = 120, 3000
+_LEAST_MOTIONS, _MOST_MOTIONS = 180, 3000
 _A_SECOND = 6.0
 """Motions for each second of a budget, where more would fit in: about as many as three runs have had. What
 they leave unsure, more of them hardly told."""
@@ -53,7 +53,8 @@ _FEWEST_ABOUT = 24
 class Effort:
     """How often all runs of a campaign may be simulated: for the search, and for the judging after it.
 
-    `doubts` more where no effect explains them.
+    `doubts` more where no effect explains them. Of the longest run by itself the search would have so many as
+    `of_longest` says; none said: as many.
 
     Fixed beforehand, so that the same seed gives the same answer anywhere.
     """
@@ -61,6 +62,7 @@ class Effort:
     search: int
     judge: int
     doubts: int = 0
+    of_longest: int = 0
 
     @property
     def motions(self) -> int:
@@ -74,12 +76,17 @@ class Effort:
 
 def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     """What fits into `budget_s` seconds of two cores by the rig's rated speed; the same on every machine."""
-    seconds = sum(run.samples(1) / run.columns.rate + run.settle for run in campaign.runs)
+    seconds = [run.samples(1) / run.columns.rate + run.settle for run in campaign.runs]
     rated = campaign.runs[0].twin.model.speed
-    motions = min(_SIMULATING * budget_s * _CORES * rated / seconds, _A_SECOND * budget_s)
-    motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
-    judge = max(36, motions // 6)
-    return Effort(motions - judge, judge, FEWEST * len(doubts_of(campaign)))
+
+    def planned(seconds: float) -> tuple[int, int]:
+        motions = min(_SIMULATING * budget_s * _CORES * rated / seconds, _A_SECOND * budget_s)
+        motions = int(min(max(motions, _LEAST_MOTIONS), _MOST_MOTIONS))
+        judge = max(36, motions // 6)
+        return motions - judge, judge
+
+    (search, judge), (of_longest, _) = planned(sum(seconds)), planned(max(seconds))
+    return Effort(search, judge, FEWEST * len(doubts_of(campaign)), of_longest)
 
 
 def diagnose(
@@ -100,7 +107,9 @@ def diagnose(
     """
     rng = np.random.default_rng(seed)
     library, searching, judging = Library(), _Counted(execute), _Counted(execute)
-    search = Search(subject, measured, searching, rng, library, effort.search, told)
+    search = Search(
+        subject, measured, searching, rng, library, effort.search, told, of_longest=effort.of_longest
+    )
     attribution, ranked = search.until_one_leads()
     measure = gap_measure(library.fingerprints(()), subject.layout)
     rigs = max(_FEWEST_ABOUT, effort.judge // 3)

@@ -52,7 +52,7 @@ class Explaining:
         search = self.search
         best, focus = refocused(
             ranked, search.measured, self.attribution.moments, search.told,
-            self.rigs * max(1, len(ranked.hypothesis)), self.execute, self.rng,
+            self.rigs * max(1, len(ranked.hypothesis)), self.execute, self.rng, search.library,
         )  # fmt: skip
         like = self._like(best, focus)
         healthy = not best.hypothesis

@@ -251,19 +251,24 @@ def response_of(places: Array, regression: Regression, shown: Array, blocks: Arr
     fit = solved @ regression.left_out
     leverage = np.sum(given * solved.T, axis=1)
     residual = (regression.left_out - given @ fit) / (1 - leverage[:, None])
-    scatter = residual.T @ residual / count
+    scatter = of_rigs = residual.T @ residual / count
+    least = _LEAST_SCATTER * float(np.median(np.linalg.eigvalsh(of_rigs)))
     # what measured summaries scatter more than simulated ones, being of fewer blocks, or less, of more
     more = 1 / blocks - 1 / _BLOCKS
     for sign in (1, -1):
         apart = (np.sqrt(np.maximum(sign * more, 0.0)) * (shown[:, 0] - shown[:, 1])) @ regression.weights
         scatter = scatter + sign * apart.T @ apart / (2 * len(apart))
-    values, vectors = np.linalg.eigh(scatter)
-    precision = (vectors / np.maximum(values, _LEAST_SCATTER * np.median(values))) @ vectors.T
     slope = fit[1:].T
     # James and Stein: what no more than chance explains, is nothing.
-    strength = count * np.sum(slope * (precision @ slope), axis=0)
+    strength = count * np.sum(slope * (_inverse(of_rigs, least) @ slope), axis=0)
     slope = slope * np.maximum(0.0, 1 - size / np.maximum(strength, 1e-12))
-    return Response(fit[0], slope, precision, regression.left_out - fit[0])
+    return Response(fit[0], slope, _inverse(scatter, least), regression.left_out - fit[0])
+
+
+def _inverse(scatter: Array, least: float) -> Array:
+    """Of a covariance, of which no direction has less than the `least`."""
+    values, vectors = np.linalg.eigh(scatter)
+    return np.asarray((vectors / np.maximum(values, least)) @ vectors.T)
 
 
 @dataclass(frozen=True, slots=True)

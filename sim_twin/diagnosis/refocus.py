@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.attribution import coordinates_of
 from sim_twin.diagnosis.cause import Hypothesis, allowed_by, places_of, values_of
-from sim_twin.diagnosis.library import order_of
+from sim_twin.diagnosis.library import Library, order_of
 from sim_twin.diagnosis.matching import Following, followed
 from sim_twin.diagnosis.posterior import Posterior, integrate
 from sim_twin.diagnosis.search import Ranked
@@ -102,9 +102,11 @@ def refocused(
     count: int,
     execute: Execute,
     rng: np.random.Generator,
+    library: Library,
 ) -> tuple[Ranked, Focus | None]:
     """What `measured` blocks (n, numbers) say of an explanation's parameters, by rounds of `count` rigs.
 
+    The rigs go into the `library` too: what each run says alone, or a search that goes on, learns of them.
     `told`: how many blocks of each run they are worth; empty: as many as there are. Where there are no
     parameters, too few rigs came out or these tell less than is known, the explanation stays as it was.
     """
@@ -113,7 +115,7 @@ def refocused(
     rigs = _Rigs(np.zeros((0, size)), np.zeros((0, _BLOCKS, measured.shape[1]), np.float32))
     worth = moments.worth(told, len(measured))
     for wider in _WIDER if ranked.hypothesis else ():
-        rigs = rigs.about(_drawn(ranked, wider, count, rng), ranked.hypothesis, execute, rng)
+        rigs = rigs.about(_drawn(ranked, wider, count, rng), ranked.hypothesis, execute, rng, library)
         if len(rigs.places) < _FEWEST:
             break
         before, about = _deviations(ranked), _focused(ranked.hypothesis, rigs, moments, rng)
@@ -143,11 +145,20 @@ class _Rigs:
     places: Array
     shown: Blocks
 
-    def about(self, u: Array, hypothesis: Hypothesis, execute: Execute, rng: np.random.Generator) -> _Rigs:
+    def about(
+        self,
+        u: Array,
+        hypothesis: Hypothesis,
+        execute: Execute,
+        rng: np.random.Generator,
+        library: Library,
+    ) -> _Rigs:
         """Rigs at new places (n, parameters), and those of these that lie among them."""
         order = order_of({hypothesis: values_of(hypothesis, u)}, rng, blocks=_BLOCKS)
+        every = execute(order.draws)
+        library.add(order, every)
         places, shown = [], []
-        for cases, observed in zip(order.cases, execute(order.draws), strict=True):
+        for cases, observed in zip(order.cases, every, strict=True):
             for (_, values), blocks in zip(cases, observed, strict=bool(observed)):
                 if blocks is not None:
                     places.append(places_of(hypothesis, values[None])[0])

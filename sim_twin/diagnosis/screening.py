@@ -22,6 +22,9 @@ class Screening:
 
     order: Order
     execute: Execute
+    asked: int = 0
+    whole: bool = True
+    """Motions of one run that were asked for, and whether there was time for all."""
     _shown: dict[tuple[int, int, int], Samples | None] = field(default_factory=dict)
     """By draw, its observation, and run."""
 
@@ -37,9 +40,12 @@ class Screening:
             replace(draw, sensing=tuple(draw.sensing[k] for k in at), runs=(run,))
             for draw, (_, at) in zip(draws, asked, strict=True)
         ]
-        for (number, at), shown in zip(asked, self.execute(seen), strict=True):
+        observed = self.execute(seen)
+        for (number, at), shown in zip(asked, observed, strict=True):
             for k, blocks in zip(at, shown, strict=bool(shown)):
                 self._shown[number, k, run] = blocks
+        self.asked += len(observed)
+        self.whole &= all(observed)
 
     def add_to(self, library: Library, runs: Sequence[int], wanted: Collection[Hypothesis]) -> None:
         """Put what was observed of all these runs (in their order) into a library."""

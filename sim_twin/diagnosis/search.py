@@ -45,7 +45,8 @@ _FROM_PRIOR = 0.1
 _FROM_WIDER, _WIDER = (0.3, 0.3, 0.1, 0.0), 0.2
 """Of each round's motions, the share about places of the posterior whose weights are taken to that power."""
 _RULED_OUT = 8.0
-"""Below the best in the logarithm of the evidence: emulators of a dozen rigs are off by a few at most."""
+"""Below the best in the logarithm of the evidence: emulators of a dozen rigs are off by a few at most. By
+all runs, or by some that one effect nearly explains."""
 _LEFT_IN = 4
 """Effects that stay in the search whatever one run says: the best needs rivals to be held against."""
 _OPEN, _BROUGHT_BACK = 1.0, 8
@@ -123,12 +124,22 @@ def believed(weighed: Sequence[Weighed]) -> list[Ranked]:
     return sorted(ranked, key=lambda each: -each.probability)
 
 
-def _leads(ranked: Sequence[Ranked], before: Ranked | None) -> bool:
-    """Whether another round would put the same first: it leads clearly, and did so before."""
-    first, others = ranked[0], ranked[1:]
-    if before is None or before.hypothesis != first.hypothesis:
+def leads(ranked: Sequence[Ranked], before: Ranked | None, whole: bool) -> bool:
+    """Whether another round would put the same first: it leads each other clearly, and did so `before`.
+
+    One effect leads at once, where the first look was `whole`, if it rules out all others. Those with a
+    second one beside it need only lie clearly below: that is looked for where the first leaves something.
+    """
+    first = ranked[0]
+    again = before is not None and before.hypothesis == first.hypothesis
+    single = first.hypothesis[0] if whole and len(first.hypothesis) == 1 else None
+    if not again and (single is None or single.entered):
         return False
-    return all(first.probability > np.exp(_SURE) * each.probability for each in others)
+    for each in ranked[1:]:
+        lead = _SURE if again or single in each.hypothesis else _RULED_OUT
+        if first.probability <= np.exp(lead) * each.probability:
+            return False
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,20 +183,25 @@ class Search:
     told: Sequence[float] = ()
     causes: Sequence[Cause] = ()
     """What is searched for; none given: all of the subject's."""
+    of_longest: int = 0
+    """Motions that the longest run would have by itself; none said: as many. The first look is that of this
+    run, as far as there are so many; of the others hardly more is simulated than it leaves open, and rounds
+    have what that saves, as far as this run would. Runs are taken as equally long."""
     doubting: bool = True
     """Whether values that may have been entered wrongly are looked at where nothing else explains it."""
     _screening: Screening | None = None
     _ruled_out: dict[Hypothesis, Weighed] = field(default_factory=dict)
     """By the runs that were looked at first; logarithms are those below the best."""
     _seen_first: tuple[int, ...] = ()
-    _rest: int = 0
+    _rest: float = 0.0
     _number: int = 0
     _before: Ranked | None = None
     _leading: Ranked | None = None
     """Motions and rounds, and what came first in the last; what leads, as far as anything does."""
+    _all_done: bool = True
 
     def __post_init__(self) -> None:
-        self.causes = self.causes or self.subject.causes
+        self.causes, self.of_longest = self.causes or self.subject.causes, self.of_longest or self.motions
 
     def until_one_leads(self) -> tuple[Attribution, list[Ranked]]:
         """Spend the motions, as far as they tell, or until one effect leads that nearly fits.
@@ -193,7 +209,7 @@ class Search:
         Rigs about that one tell more of it than further rounds: responses as sharp as a resonance lie between
         those that were simulated. The most probable hypothesis comes first.
         """
-        self._rest = max(0, self.motions - self._first_look())
+        self._rest = min(self.motions - self._first_look(), (1 - _FIRST) * self.of_longest)
         return self._rounds(doubtful=False)
 
     def go_on(self) -> tuple[Attribution, list[Ranked]]:
@@ -206,19 +222,24 @@ class Search:
         leading, most = self._leading, _OPEN if self._ruled_out else _FITS
         return leading is not None and leading.misfit > most and self._number < len(_REFINED)
 
+    @property
+    def whole(self) -> bool:
+        """Whether there was time for all so far."""
+        return self._all_done and (self._screening is None or self._screening.whole)
+
     def _rounds(self, doubtful: bool) -> tuple[Attribution, list[Ranked]]:
         """Round by round what is left, until what leads fits; nearly, of one effect not `doubtful`."""
         while self._number < len(_REFINED):
             number = self._number
             motions = int(self._rest * _REFINED[number] / sum(_REFINED[number:]))
             alone, ranked = self._weighed()
-            if doubtful and self._brings_back(ranked[0]):
+            if doubtful and ranked[0].misfit > _OPEN and self._bring_back():
                 alone, ranked = self._weighed()
-            leading = self._leading = ranked[0] if _leads(ranked, self._before) else None
+            leading = self._leading = ranked[0] if leads(ranked, self._before, self.whole) else None
             nearly = not doubtful and leading is not None and len(leading.hypothesis) == 1
             if leading and leading.misfit <= (_NEARLY_FITS if nearly else _FITS):
                 break
-            if self._brings_back(ranked[0]):
+            if number > 0 and ranked[0].misfit > _OPEN and self._bring_back():
                 alone, ranked = self._weighed()
             order = Order()
             if number == _PARTNERS_IN and alone[0].misfit > _NEEDS_PARTNER:
@@ -266,8 +287,8 @@ class Search:
             self._do(order)
         return any(cause.entered and self.library.count((cause,)) >= FEWEST for cause in self.causes)
 
-    def _first_look(self) -> int:
-        """Healthy rigs and every cause, of further runs what is not ruled out; returns what all would be."""
+    def _first_look(self) -> float:
+        """Healthy rigs and every cause, of further runs what is not ruled out; returns how many motions."""
         healthy, causes = self.first_order()
         self._do(healthy)
         layout = self.subject.layout
@@ -288,13 +309,12 @@ class Search:
                 wanted = self._not_ruled_out(screening, sorted(seen), wanted)
         screening.add_to(self.library, runs, wanted)
         self._require_enough()
-        return len(healthy) + len(causes)
+        return len(healthy) + screening.asked / len(runs)
 
     def _telling(self, runs: Sequence[int]) -> list[int]:
         """Runs in the order in which they lie off the nominal twin."""
         measure = gap_measure(self.library.fingerprints(()), self.subject.layout)
-        cells = measure.cells(self.measured)
-        gaps = [measure.total(cells, lambda cell, run=run: cell.run == run) for run in runs]  # type: ignore[misc]
+        gaps = measure.of_runs(self.measured)
         return [runs[k] for k in np.argsort(gaps)[::-1]]
 
     def _not_ruled_out(
@@ -305,7 +325,7 @@ class Search:
         part._require_enough(among)
         weighed = part.weigh(part.learn(), [(), *among])
         best = max(weighed, key=lambda each: each.log)
-        if best.misfit > _FITS:
+        if best.misfit > (_NEARLY_FITS if best.hypothesis else _FITS):
             return list(among)
         effects = sorted((each for each in weighed if each.hypothesis), key=lambda each: -each.log)
         out = [each for each in effects[_LEFT_IN:] if each.log < best.log - _RULED_OUT]
@@ -333,10 +353,6 @@ class Search:
             told=tuple(self.told[run] for run in runs) if self.told else (),
         )
 
-    def _brings_back(self, best: Ranked) -> bool:
-        """Whether the first round left the best open, and what was ruled out is there again."""
-        return self._number > 0 and best.misfit > _OPEN and self._bring_back()
-
     def _bring_back(self) -> bool:
         """Look at all runs for what may be beside others, though it was ruled out by itself."""
         screening = self._screening
@@ -356,8 +372,10 @@ class Search:
         if screening is None or not back:
             return False
         runs = sorted({cell.run for cell in self.subject.layout.cells})
+        asked = screening.asked
         for run in runs:
             screening.observe(run, back)
+        self._rest -= (screening.asked - asked) / len(runs)
         screening.add_to(self.library, runs, back)
         back = [h for h in back if self.library.count(h) >= FEWEST]
         for h in back:
@@ -383,7 +401,7 @@ class Search:
         Those of sensors share motions.
         """
         causes = self.causes
-        motions = int(_FIRST * self.motions)
+        motions = min(self.motions, int(_FIRST * self.of_longest))
         healthy = max(_FEWEST_HEALTHY, int(_HEALTHY_SHARE * motions))
         # by the dimensions of the space in which its response is nearly straight
         any_place = {cause: drawn((cause,), 1, np.random.default_rng(0)) for cause in causes}
@@ -501,4 +519,5 @@ class Search:
         """Simulate; whether there was time for all of it."""
         shown = self.execute(order.draws)
         self.library.add(order, shown)
+        self._all_done &= all(shown)
         return all(shown)

@@ -178,6 +178,19 @@ def test_sensor_effect_touches_its_channel_alone() -> None:
     np.testing.assert_array_equal(plain.channels[UPPER], louder.channels[UPPER])
 
 
+def test_swapped_and_turned_sensors_show_what_they_should() -> None:
+    plain = _plain().channels
+    swapped = _recorded(_effect("swapped_channels", channel=UPPER, other=1.0)).channels
+    # the same force by the other chain: gains half a per cent apart, times some microseconds, noise 0.05 N
+    for one, other in ((UPPER, LOWER), (LOWER, UPPER)):
+        assert np.corrcoef(swapped[one], plain[other])[0, 1] > 0.9
+    assert np.corrcoef(plain[UPPER], plain[LOWER])[0, 1] < 0.5
+    np.testing.assert_array_equal(swapped[YOKE], plain[YOKE])
+    turned = _recorded(_effect("sensor_factor", channel=YOKE, factor=-1.0)).channels
+    np.testing.assert_array_equal(turned[YOKE], -plain[YOKE])
+    np.testing.assert_array_equal(turned[UPPER], plain[UPPER])
+
+
 def test_base_acceleration_is_noise_on_a_rigid_base() -> None:
     shown = _plain().channels["base.acceleration"]
     assert 0.028 < _rms(shown) < 0.04

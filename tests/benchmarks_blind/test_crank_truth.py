@@ -199,6 +199,16 @@ def test_skewed_channel_comes_late() -> None:
     assert lag == pytest.approx(25.6, abs=0.6)
 
 
+def test_all_that_is_analog_comes_late_and_the_encoder_does_not() -> None:
+    late, nominal = record(SCENARIO, effect("analog_delay", seconds=1e-3), 1, 1).channels, healthy().channels
+    assert np.array_equal(late["crank.angle"], nominal["crank.angle"])
+    for name in (CRANK_X, CRANK_Y, PISTON_Y, "crank.marker"):
+        lags = signal.correlation_lags(len(late[name]), len(late[name]))
+        lag = lags[np.argmax(signal.correlate(late[name], nominal[name]))]
+        # 25.6 samples
+        assert lag == pytest.approx(25.6, abs=1.0)
+
+
 def test_frame_resonance_moves_the_peak() -> None:
     moved_up = record(SCENARIO, effect("frame_resonance", channel=CRANK_Y, frequency_scale=1.5), 1, 1)
     levels = []

@@ -58,6 +58,7 @@ def test_a_failed_diagnosis_is_wrong_everywhere() -> None:
     assert metrics.parameter_covered(failed) == 0
     assert metrics.selected_f1([failed]) == 0
     assert metrics.failed(failed) == 1
+    assert metrics.confidence(failed) == (1.0, 0.0)
     assert metrics.place_right(case("strong", None, OUTSIDER)) == metrics.unknown_first(failed) == 0
     assert metrics.false_alarm(case("none", None)) == 1
     assert metrics.auroc([case("strong", None, OUTSIDER), case("none", RIGHT)]) == 0
@@ -83,6 +84,17 @@ def test_bins_of_calibration_have_equal_numbers() -> None:
     cases += [case("single", unsure, CLEARANCE), case("single", unsure, DAMPING)] * 25
     # Half of what is given 0.6 is right (bins of 10), all of what is given 1.
     assert metrics.calibration_error(cases) == pytest.approx(0.05)
+
+
+def test_a_failed_diagnosis_was_sure_and_wrong_for_the_calibration_too() -> None:
+    found = [case("single", RIGHT, CLEARANCE)] * 8 + [case("single", RIGHT, DAMPING)] * 2
+    failed = [case("none", None)] * 100
+    assert metrics.calibration_error(failed) == 1
+    # of 200, 100 are off by 1, the others as often right as they say
+    assert metrics.calibration_error([*found * 10, *failed]) == pytest.approx(0.5)
+    # nobody who is calibrated is sure and wrong: of 200, 100 add nothing to what small bins make
+    alone, both = metrics.calibrated_error(found * 10), metrics.calibrated_error([*found * 10, *failed])
+    assert both < alone
 
 
 def test_small_bins_make_an_error_even_of_the_perfectly_calibrated() -> None:

@@ -16,7 +16,7 @@ from benchmarks.blind import seal as sealing
 from benchmarks.blind.calibration import Reference, write_references
 from benchmarks.blind.campaigns import Campaign
 from benchmarks.blind.cases import Case, Gaps
-from benchmarks.blind.catalogue import BEAM, CATALOGUE
+from benchmarks.blind.catalogue import BEAM, CATALOGUE, EffectEntry
 from benchmarks.blind.command import Spent
 from benchmarks.blind.figure import Figure, mean_of
 from benchmarks.blind.gap import campaign as gaps
@@ -96,7 +96,7 @@ def test_score_of_three_campaigns_of_which_one_failed(
     assert values["false alarms when nothing is missing"] == pytest.approx(0.5)
     assert values["unknown, strong: AUROC"] == pytest.approx(0.5)
     assert values["p on the truth (singles shown, none, outside)"] == pytest.approx((0.9 + 0.7) / 3)
-    assert values["beam, planar crank, three runs: longest, s"] == 70
+    assert values["beam, planar crank, 3 runs: longest, s (baseline: 94)"] == 70
     assert values["refused or failed, of all with three whole cycles"] == pytest.approx(1 / 3)
     printed = capsys.readouterr().out
     assert printed == (tmp_path / "score.txt").read_text() + "\n"
@@ -277,6 +277,23 @@ def test_wrong_pages_have_their_figures_with_and_without_calibration(tmp_path: P
     assert values["modes, as it is: healthy called healthy"] == 0
     # what is judged beside is of the right page alone
     assert values["false alarms when nothing is missing"] is None
+
+
+def test_what_is_wired_wrongly_has_a_row_of_its_own_and_counts_in_no_other(tmp_path: Path) -> None:
+    turned: EffectEntry = {"name": "sensor_factor", "parameters": {"channel": "yoke.force", "factor": -1.0}}
+    wired = tuple(campaign("wired", turned, name=f"c00{n}", of_set="wired") for n in range(2))
+    seal(tmp_path, wired, FROZEN)
+    named = _diagnosis(0.1, 0.0, 0.0)
+    named["effects"].append({"name": "sensor_factor", "location": "sensor", "probability": 0.9})
+    _write(tmp_path, "c000", named)
+    _write(tmp_path, "c001", _diagnosis(0.0, 0.2, 0.8))
+    score(tmp_path, wired, quick=True)
+    values = _values(tmp_path)
+    assert values["wired wrongly, shown: first right"] == 0.5
+    assert values["wired wrongly, shown: among three"] == 0.5
+    assert values["beam, single effects shown: first right"] is None
+    assert values["calibration error above the perfectly calibrated"] is None
+    assert "sensor_factor" in json.loads((tmp_path / "score.json").read_text())["confusion"]
 
 
 def test_a_program_other_than_the_frozen_one_does_not_pass(

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from benchmarks.blind.sensing import Chain, altered, anti_alias, healthy, sensed
+from benchmarks.blind.sensing import Chain, altered, anti_alias, healthy, plugged, sensed
 
 RATE, FACTOR, LEAD, COUNT = 51_200.0, 4, 2_560, 5_120
 _PERFECT = Chain(noise=0.0, full_scale=100.0)
@@ -81,6 +81,26 @@ def test_sensor_effects_reach_their_channel_alone() -> None:
     ]
     assert altered(_PERFECT, "a", effects) == Chain(0.0, 100.0, 2.0, 1e-3, 3.0, 900.0)
     assert altered(_PERFECT, "b", effects) == _PERFECT
+
+
+def test_wiring_is_wrong_by_a_factor_late_in_all_or_swapped() -> None:
+    turned = {"name": "sensor_factor", "parameters": {"channel": "a", "factor": -1.0}}
+    late = {"name": "analog_delay", "parameters": {"seconds": 1e-3}}
+    assert altered(_PERFECT, "a", [turned, late]) == Chain(0.0, 100.0, skew=1e-3, factor=-1.0)
+    assert altered(_PERFECT, "b", [turned, late]) == Chain(0.0, 100.0, skew=1e-3)
+    upper, lower, yoke = (np.full(3, value) for value in (1.0, 2.0, 3.0))
+    fine = {"contact.force_upper": upper, "contact.force_lower": lower, "yoke.force": yoke}
+    # the second one after the lower in the ring of three is the upper
+    swapped = {"name": "swapped_channels", "parameters": {"channel": "contact.force_lower", "other": 2.0}}
+    found = plugged(fine, [swapped])
+    assert [each[0] for each in found.values()] == [2.0, 1.0, 3.0]
+    assert list(found) == list(fine)
+    assert plugged(fine, [turned]) == fine
+
+
+def test_a_wrong_factor_is_of_the_numbers_noise_and_all() -> None:
+    chain, other = Chain(noise=0.05, full_scale=100.0), Chain(noise=0.05, full_scale=100.0, factor=10.0)
+    assert np.array_equal(_shown(3_000.0, other), 10.0 * _shown(3_000.0, chain))
 
 
 def test_healthy_chains_scatter_as_stated() -> None:

@@ -18,12 +18,12 @@ from benchmarks.blind.beam.engine import EVERY, STEP, simulate
 from benchmarks.blind.beam.outside import MILD, PAGES, STRONG
 from benchmarks.blind.beam.rig import Rig, jittered, nominal, set_up
 from benchmarks.blind.recording import Recording
-from benchmarks.blind.sensing import sensed
+from benchmarks.blind.sensing import WIRING, plugged, sensed
 
 __all__ = ["MILD", "PAGES", "STRONG", "record"]
 
 _CHANGES = {**catalogue.CHANGES, **outside.CHANGES}
-_CHANNEL_EFFECTS = {*catalogue.SENSOR_EFFECTS, *outside.FAULTS}
+_CHANNEL_EFFECTS = {*catalogue.SENSOR_EFFECTS, *WIRING, *outside.FAULTS}
 _AFTER = 0.01
 """s; the motion goes on for so long after the last sample: skews and filters reach beyond it."""
 
@@ -55,7 +55,7 @@ def record(
     truth = simulate(rig, (lead + count + round(_AFTER * rate)) * factor)
     channels = {
         name: sensed(fine, factor, rate, lead, count, instruments[name], run_rng)
-        for name, fine in fine_channels(rig, truth).items()
+        for name, fine in plugged(fine_channels(rig, truth), effects).items()
     }
     return Recording(rate, channels, dict(UNITS))
 

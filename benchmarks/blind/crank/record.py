@@ -21,7 +21,7 @@ from benchmarks.blind.crank.parts import Array
 from benchmarks.blind.crank.rig import Crank, set_anew, toleranced
 from benchmarks.blind.outsiders import faulted
 from benchmarks.blind.recording import Recording
-from benchmarks.blind.sensing import Chain, altered, healthy, sensed
+from benchmarks.blind.sensing import WIRING, Chain, altered, healthy, plugged, sensed
 
 __all__ = ["MILD", "PAGES", "STRONG", "record"]
 Built: TypeAlias = Callable[[Crank], Crank]
@@ -52,7 +52,7 @@ def record(
     to the rig, both seeds together what is set anew for each run. `built` has the last word on the rig, whose
     tolerances are so many times `wider`. An effect that nobody knows: ValueError.
     """
-    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *MECHANICAL, *ON_THE_WAY, *FAULTS))
+    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *WIRING, *MECHANICAL, *ON_THE_WAY, *FAULTS))
     rig, run = np.random.default_rng([rig_seed, 1]), np.random.default_rng([rig_seed, run_seed, 2])
     crank = real_rig(scenario, effects, rig, run, built, wider)
     chains = _chains(effects, rig, wider)
@@ -66,6 +66,7 @@ def record(
     for effect in effects:
         if effect["name"] in ON_THE_WAY:
             fine = ON_THE_WAY[effect["name"]](fine, factor * rate, effect["parameters"], run)
+    fine = plugged(fine, effects)
     fine[MARKER] = np.where(np.mod(motion.angle, 2 * np.pi) < np.radians(5.0), 5.0, 0.0)
     channels = {
         name: sensed(fine[name][first * factor :], factor, rate, lead, count, chain, run)

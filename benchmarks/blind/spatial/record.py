@@ -17,7 +17,7 @@ from benchmarks.blind.changes import Effects, changed, refuse_unknown
 from benchmarks.blind.finite_elements import Array
 from benchmarks.blind.outsiders import FAULTS, faulted
 from benchmarks.blind.recording import Recording
-from benchmarks.blind.sensing import Chain, altered, healthy, sensed
+from benchmarks.blind.sensing import WIRING, Chain, altered, healthy, plugged, sensed
 from benchmarks.blind.spatial.effects import CATALOGUE, CHAIN_EFFECTS
 from benchmarks.blind.spatial.mechanism import moved
 from benchmarks.blind.spatial.outside import CROSS_TALK, MECHANICAL, MILD, PAGES, STRONG, crossed
@@ -58,7 +58,7 @@ def record(
     the last word on the rig, whose tolerances are so many times `wider`. An effect that nobody knows:
     ValueError.
     """
-    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *MECHANICAL, *FAULTS, CROSS_TALK))
+    refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *WIRING, *MECHANICAL, *FAULTS, CROSS_TALK))
     rng, run = np.random.default_rng([rig_seed, 3]), np.random.default_rng([rig_seed, run_seed, 4])
     rig = real_rig(scenario, effects, rng, run, built, wider)
     chains = _chains(effects, rng, float(scenario["speed"]), wider)
@@ -109,7 +109,7 @@ def steps(rig: Spatial, rate: float) -> int:
 
 
 def _fine(rig: Spatial, effects: Effects, angle: float, rate: float, count: int) -> dict[str, Array]:
-    """Every channel's true signal at `rate` Hz."""
+    """The signal of every channel at `rate` Hz, as it is plugged in."""
     each = steps(rig, rate)
     motion = moved(rig, angle, 1 / (each * rate), count, each)
     fine = dict(zip(FORCES, motion.forces, strict=True))
@@ -120,7 +120,7 @@ def _fine(rig: Spatial, effects: Effects, angle: float, rate: float, count: int)
     swing = ripple.amplitude * np.sin(ripple.order * motion.angle + ripple.phase)
     fine[TACHOMETER] = rig.speed * (1 + swing)
     fine[MARKER] = np.where(np.mod(motion.angle, 2 * np.pi) < np.radians(5.0), 5.0, 0.0)
-    return fine
+    return plugged(fine, effects)
 
 
 def _chains(effects: Effects, rng: np.random.Generator, speed: float, wider: float) -> dict[str, Chain]:

@@ -111,10 +111,11 @@ def test_the_runner_up_is_told_by_figures_in_which_it_predicts_otherwise() -> No
 def test_an_answer_that_was_cut_short_is_wider_and_says_so() -> None:
     wider = []
     for rig in range(RIG, RIG + 5):
-        whole, part = (found(2.0, 2.0, motions, rig=rig) for motions in (10**6, 110))
+        # too small to lead at the first look
+        whole, part = (found(1.2, 1.2, motions, rig=rig) for motions in (10**6, 100))
         assert whole.searched == whole.judging == 1.0
         assert part.judging == 0.0
-        assert part.searched == pytest.approx(0.5, abs=0.02)
+        assert part.searched == pytest.approx(0.45, abs=0.02)
         assert part.effect < whole.effect
         sizes = [
             next(each for each in one.judged if each.cause == LEFT).parameters["size"]

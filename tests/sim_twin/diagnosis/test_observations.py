@@ -68,3 +68,14 @@ def test_some_runs_of_a_draw_are_the_same_bits_as_with_all_others() -> None:
         assert found is not None
         assert second[1] is not None
         assert np.array_equal(found, second[1])
+
+
+def test_draws_of_one_and_of_two_blocks_are_observed_as_each_alone() -> None:
+    subject, draws = campaign(), [Draw((), 5), Draw((), 6, blocks=2)]
+    together = subject.observe(draws)
+    for draw, (found,) in zip(draws, together, strict=True):
+        ((alone,),) = subject.observe([draw])
+        assert found is not None
+        assert alone is not None
+        assert len(found) == draw.blocks
+        assert np.array_equal(found, alone)

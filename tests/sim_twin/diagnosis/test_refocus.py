@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sim_twin.diagnosis.cause import Cause, Hypothesis
+from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.posterior import Posterior
 from sim_twin.diagnosis.refocus import Focus, refocused
 from sim_twin.diagnosis.search import Ranked
@@ -31,7 +32,7 @@ def believed(hypothesis: Hypothesis, *about: float, deviation: float = 0.08) -> 
 
 def about(ranked: Ranked, measured: Blocks, seed: int = 0) -> tuple[Ranked, Focus | None]:
     rng = np.random.default_rng(seed)
-    return refocused(ranked, measured, MOMENTS, [float(len(measured))], RIGS, TOY.observe, rng)
+    return refocused(ranked, measured, MOMENTS, [float(len(measured))], RIGS, TOY.observe, rng, Library())
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -92,7 +93,7 @@ def test_rigs_stay_on_the_side_of_what_is_believed() -> None:
 
     ranked = believed((signed,), 0.53)
     measured = recording((("left", {"size": 1.2}),), RIG)
-    refocused(ranked, measured, MOMENTS, [BLOCKS], RIGS, kept, np.random.default_rng(0))
+    refocused(ranked, measured, MOMENTS, [BLOCKS], RIGS, kept, np.random.default_rng(0), Library())
     assert len(asked) >= RIGS
     assert min(asked) >= 1.0
 
@@ -106,7 +107,14 @@ def test_without_time_what_the_search_found_stays() -> None:
     ranked = believed((LEFT,), 0.5)
     measured = recording((("left", {"size": 2.0}),), RIG)
     found, focus = refocused(
-        ranked, measured, MOMENTS, [BLOCKS], RIGS, lambda draws: [() for _ in draws], np.random.default_rng(0)
+        ranked,
+        measured,
+        MOMENTS,
+        [BLOCKS],
+        RIGS,
+        lambda draws: [() for _ in draws],
+        np.random.default_rng(0),
+        Library(),
     )
     assert found is ranked
     assert focus is None
@@ -138,8 +146,12 @@ def test_rigs_of_earlier_rounds_count_where_they_lie_among_the_later() -> None:
 
     measured = recording((("left", {"size": 3.0}),), RIG)
     ranked = believed((LEFT,), np.log(2.8) / np.log(4))
-    _, focus = refocused(ranked, measured, MOMENTS, [BLOCKS], RIGS, counted, np.random.default_rng(0))
+    library = Library()
+    _, focus = refocused(
+        ranked, measured, MOMENTS, [BLOCKS], RIGS, counted, np.random.default_rng(0), library
+    )
     assert focus is not None
+    assert library.count((LEFT,)) == sum(asked)
     assert asked[-1] < len(focus.places) < sum(asked)
     # and lie as the last ones do, whatever round they are of
     assert np.ptp(focus.places) < 0.5
