@@ -187,8 +187,10 @@ class Simulated:
     def of(self, subject: Subject, draws: Sequence[Draw]) -> list[Observed]:
         """The same of another subject, which may be some of the runs."""
         share = 1.0 if subject is self._subject else subject.layout.size / self._subject.layout.size
-        pieces = _pieces(draws)
-        futures = [self._executor.submit(observed, subject, [draws[k] for k in piece]) for piece in pieces]
+        # As many pieces for every core, and in each of what takes long as much as in the others.
+        count = cores() * -(-len(draws) // (cores() * _TOGETHER))
+        pieces = [draws[k::count] for k in range(min(count, len(draws)))]
+        futures = [self._executor.submit(observed, subject, piece) for piece in pieces]
         for future in futures:
             wait([future], timeout=max(0.0, self._deadline - time.monotonic()))
             if not future.done() and future.cancel():
@@ -197,24 +199,10 @@ class Simulated:
                 self._done += share * len(future.result())
                 self._report(self._done)
         found: list[Observed] = [() for _ in draws]
-        for piece, future in zip(pieces, futures, strict=True):
+        for k, future in enumerate(futures):
             if not future.cancelled():
-                for k, each in zip(piece, future.result(), strict=True):
-                    found[k] = each
+                found[k::count] = future.result()
         return found
-
-
-def _pieces(draws: Sequence[Draw]) -> list[list[int]]:
-    """Which draws are observed at once: those of as many blocks, longer ones first.
-
-    As many pieces for every core, and in each of what takes long as much as in the others.
-    """
-    found: list[list[int]] = []
-    for blocks in sorted({draw.blocks for draw in draws}, reverse=True):
-        alike = [k for k, draw in enumerate(draws) if draw.blocks == blocks]
-        count = cores() * -(-len(alike) // (cores() * _TOGETHER))
-        found += [alike[k::count] for k in range(min(count, len(alike)))]
-    return found
 
 
 def observed(subject: Subject, draws: Sequence[Draw]) -> list[Observed]:

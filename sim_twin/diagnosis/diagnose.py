@@ -69,6 +69,11 @@ class Effort:
         return self.search + self.judge
 
     @property
+    def about(self) -> int:
+        """Rigs about an explanation in a round."""
+        return max(_FEWEST_ABOUT, self.judge // 3)
+
+    @property
     def most(self) -> int:
         """With another search, beside what was found, judged anew, and values that may be entered wrongly."""
         return 2 * self.motions + self.doubts
@@ -112,8 +117,7 @@ def diagnose(
     )
     attribution, ranked = search.until_one_leads()
     measure = gap_measure(library.fingerprints(()), subject.layout)
-    rigs = max(_FEWEST_ABOUT, effort.judge // 3)
-    explaining = Explaining(search, attribution, measure, rigs, judging, rng)
+    explaining = Explaining(search, attribution, measure, effort.about, judging, rng)
     explaining, ranked, at_first = _looked_at(explaining, ranked, searching)
     attribution, searched = explaining.attribution, searching.share
     explanation = explaining.completed(at_first)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -73,20 +73,6 @@ def test_observations_come_in_the_order_of_their_draws() -> None:
     assert told == [6, 11, 16, 21]
     assert subject.pieces == [6, 5, 5, 5]  # as many for each core
     assert not simulated.cut_short
-
-
-def test_draws_of_as_many_blocks_are_observed_together_and_longer_ones_first() -> None:
-    asked: list[list[int]] = []
-
-    class Long(Numbered):
-        def observe(self, draws: Sequence[Draw]) -> list[Observed]:
-            asked.append([draw.blocks for draw in draws])
-            return super().observe(draws)
-
-    mixed = [replace(draw, blocks=1 + draw.seed % 2) for draw in draws(10)]
-    simulated = Simulated(Long(), Here(), time.monotonic() + LATER, lambda _: None)
-    assert shown(simulated(mixed)) == list(range(10))
-    assert asked == [[2, 2, 2], [2, 2], [1, 1, 1], [1, 1]]
 
 
 def test_progress_goes_on_over_several_rounds() -> None:

@@ -246,15 +246,21 @@ def test_an_acquisition_that_hangs_is_switched_off(tmp_path: Path) -> None:
     ended(bench, Hung, "the acquisition took too long for a reading", during)
 
 
-def test_a_card_that_hangs_in_its_read_is_noticed_in_a_second(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench, goes_on = Bench(tmp_path, None), threading.Event()
-    read = bench.card.read
+def hanging(read: Callable[[int], CardReading], goes_on: threading.Event) -> Callable[[int], CardReading]:
+    """A read that hangs until it is let go on."""
 
     def hang(count: int) -> CardReading:
         goes_on.wait()
         return read(count)
+
+    return hang
+
+
+def test_a_card_that_hangs_in_its_read_is_noticed_in_a_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, goes_on = Bench(tmp_path, None), threading.Event()
+    hang = hanging(bench.card.read, goes_on)
 
     def during(rig: DrivenRig) -> None:
         monkeypatch.setattr(bench.card, "read", hang)

@@ -10,7 +10,6 @@ import pytest
 
 from daq.clock import SystemClock
 from daq.time_base.clocks import CardClock
-from drivers.protocols.card import CardReading
 from drivers.protocols.encoder import PositionBlock
 from rig.session import acquisition, driven_rig, encoder_record, logger_record
 from rig.session.driven_rig import DrivenRig, Hung
@@ -18,7 +17,7 @@ from rig.session.logger_record import LoggerRecord
 from rig.stream import Stream
 from tests.rig.session.fakes import RATE, Kept
 from tests.rig.session.test_encoder_record import Lab
-from tests.rig.session.test_guard import Bench, ended
+from tests.rig.session.test_guard import Bench, ended, hanging
 from tests.rig.session.test_logger_record import Thermometer
 from tests.rig.session.test_stops import Idle
 
@@ -43,11 +42,7 @@ def test_a_card_that_hangs_in_its_read_keeps_no_run(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(driven_rig, "Supervisor", Idle)
     monkeypatch.setattr(acquisition, "JOIN_S", JOIN_S)
     bench, goes_on = Bench(tmp_path, None), threading.Event()
-    read = bench.card.read
-
-    def hang(count: int) -> CardReading:
-        goes_on.wait()
-        return read(count)
+    hang = hanging(bench.card.read, goes_on)
 
     def during(rig: DrivenRig) -> None:
         monkeypatch.setattr(bench.card, "read", hang)
