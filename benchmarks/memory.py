@@ -37,7 +37,7 @@ from daq.channel import Channel
 from daq.clock import SystemClock
 from daq.log.reader import CYCLE_PEAK, Origin, derived_name
 from daq.log.records import Impact
-from daq.log.writer import MAXIMUM_CHUNK_AGE_S, LogWriter
+from daq.log.writer import CHUNK_S, LogWriter
 from daq.recorder import Recorder
 from drivers.protocols.card import CardReading
 from rig.derived.derivation import Derivation
@@ -215,7 +215,7 @@ def acquisition(seconds: float, minutes: Minutes) -> None:
             while recorder.waiting_bytes:
                 clock.sleep(1e-3)
             if minutes.due(at_s):
-                clock.sleep(2 * MAXIMUM_CHUNK_AGE_S)  # what waits in a chunk is written by then
+                clock.sleep(2 * CHUNK_S)  # what waits in a chunk is written by then
                 minutes.look(at_s)
 
         def record(each: Record) -> None:

@@ -15,7 +15,7 @@ from daq.channel import Channel
 from daq.clock import Clock
 from daq.errors import RecorderFailed
 from daq.log.records import LEAST_FREE_BYTES, ClockRecord, Event, Gap, Impact
-from daq.log.writer import LOOK_S, LogWriter
+from daq.log.writer import QUIET_S, LogWriter
 
 _QUEUE_ITEMS, _QUEUE_BYTES = 1 << 16, 400 << 20
 """Of samples 15 s of 64 channels at 51.2 kHz, measured and predicted: longer than a disk stalls."""
@@ -190,9 +190,9 @@ class Recorder:
     def _run(self) -> None:
         while True:
             try:
-                write, size = self._queue.get(timeout=LOOK_S)
+                write, size = self._queue.get(timeout=QUIET_S)
             except queue.Empty:
-                write, size = partial(self._writer.flush_if_older, self._clock.unix_ns()), 0
+                write, size = partial(self._writer.flush_if_older, self._clock.unix_ns(), quiet=True), 0
             if write is None:
                 return
             if not self._writes:

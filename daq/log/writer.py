@@ -24,8 +24,12 @@ from daq.log import codec
 from daq.log.codec import embedded_schema
 from daq.log.records import CHECKSUM_OPCODE, ClockRecord, Event, Gap, Impact
 
-MAXIMUM_CHUNK_AGE_S = 0.25  # the format's: no crash costs more than what the last chunk holds
-LOOK_S = 0.1  # how often its age is looked at, at least
+QUIET_S = 0.02  # nothing comes for so long once a block of every channel has
+CHUNK_S, _QUIET_CHUNK_S = 0.15, 0.09
+"""How old a chunk is when it ends: with the next message, or in quiet, its second block of 0.1 s having come.
+
+The format has 0.25 s at most. A crash costs what the last one holds.
+"""
 _CHUNK_BYTES = 1 << 20
 _NEVER_BY_ITSELF = 1 << 62
 """The package ends no chunk: who ends it has to open the next with its declarations."""
@@ -162,14 +166,11 @@ class LogWriter:
     def add_impact(self, impact: Impact, host_ns: int) -> None:
         self._record("/impact", "Impact", impact, host_ns)
 
-    def flush_if_older(self, host_ns: int) -> None:
-        """End the chunk if 0.25 s would be over by the next look; called every 0.1 s if no block comes."""
-        if not self._chunk_opened_ns:
-            return
-        age_ns = host_ns - self._chunk_opened_ns
-        if (
-            not 0 <= age_ns < (MAXIMUM_CHUNK_AGE_S - LOOK_S) * NS_PER_S
-        ):  # negative: the host's clock was set back
+    def flush_if_older(self, host_ns: int, quiet: bool = False) -> None:
+        """End the chunk if it is old enough; to be called every 0.02 s while nothing comes, `quiet`."""
+        most_s = _QUIET_CHUNK_S if quiet else CHUNK_S
+        # negative where the host's clock was set back
+        if self._chunk_opened_ns and not 0 <= host_ns - self._chunk_opened_ns < most_s * NS_PER_S:
             self._end_chunk()
 
     def sync(self) -> None:

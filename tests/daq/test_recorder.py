@@ -10,6 +10,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, TYPE_CHECKING, Any
@@ -21,12 +22,12 @@ from daq import recorder as recorder_module
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import RecorderFailed
+from daq.errors import LogError, RecorderFailed
 from daq.log import writer as writer_module
 from daq.log.reader import LogReader
 from daq.log.records import STOPPING, Event
 from daq.log.recover import recover_log, verify_log
-from daq.log.writer import LOOK_S, LogWriter
+from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from tests.daq.log.logs import BLOCK, RATE, START_NS, block
 
@@ -62,6 +63,15 @@ class WriterOnFullDisk(LogWriter):
         self._file = FullDisk(self._file, self._most)  # type: ignore[assignment]
         self._writer._Writer__stream = self._file
         return self
+
+
+class StillClock(SystemClock):
+    """Its time of day is set by hand."""
+
+    now_ns = START_NS
+
+    def unix_ns(self) -> int:
+        return self.now_ns
 
 
 class StuckWriter(LogWriter):
@@ -152,6 +162,26 @@ def hand_over_until_it_fails(recorder: Recorder) -> None:
         time.sleep(1e-3)
         record_ramp(recorder, 1, begin=recorder.blocks)
         recorder.event(Event(START_NS + recorder.blocks * 10**9, "info", "rig", "x", "y"))
+
+
+def test_a_second_block_is_on_its_way_to_the_disk_before_a_third_comes(tmp_path: Path) -> None:
+    """A crash costs one block that came, at most, and what had not come yet."""
+    path, clock = tmp_path / "log.mcap", StillClock()
+
+    def in_file() -> int:
+        with suppress(LogError), LogReader(path) as log:  # nothing is there yet
+            return sum(1 for _ in log.blocks())
+        return 0
+
+    with Recorder(LogWriter(path), clock) as recorder:
+        for number in range(6):
+            clock.now_ns = START_NS + number * 10**8
+            record_ramp(recorder, 1, begin=number)
+            until_s = time.monotonic() + 10.0
+            while in_file() < (number + 1) // 2 * 2 and time.monotonic() < until_s:
+                time.sleep(0.01)
+            time.sleep(0.1)  # the first of two waits for the second, however long nothing comes
+            assert in_file() == (number + 1) // 2 * 2
 
 
 def test_nothing_comes_behind_what_a_full_queue_refused_but_what_is_missing_and_why(
@@ -533,7 +563,7 @@ def test_whatever_call_fails_first_it_is_one_error_and_a_readable_log(
     The indexes wait in a file without a name until the log is closed; its own closing loses nothing.
     """
     monkeypatch.setattr(recorder_module, "SYNC_S", 0.01)
-    monkeypatch.setattr(writer_module, "MAXIMUM_CHUNK_AGE_S", LOOK_S)  # each block is a chunk
+    monkeypatch.setattr(writer_module, "CHUNK_S", 0.0)  # each block is a chunk
     for nth in range(1, 400):
         path = tmp_path / f"{nth}.mcap"
         with monkeypatch.context() as patch:
