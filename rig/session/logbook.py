@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import re
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from rig.twin.chains import CHAIN, declared_by
 
 _LONGEST_NAME = 60
 _EVERY_S = 1.0
+_JOIN_S = 5.0  # nothing moves any more
 
 
 def new_log(folder: Path, name: str, clock: Clock) -> Path:
@@ -102,9 +104,10 @@ def logged_by(recorder: Recorder) -> Consumer:
 class Logbook:
     """Writes what is told, and once a second what `events` and `clocks` have to say.
 
-    `events` gives what devices did since it was last asked, `clocks(at_last)` records where there is news.
-    What is no mere information also goes to the screen. Leaving its context writes what is left; a log that
-    takes nothing more is then no second error.
+    `events` gives what devices did since it was last asked, `clocks(at_last)` records where there is news: in
+    a thread, for a fit may take half a second where much else runs, and a sequence that looks at nothing for
+    so long is taken for dead. What is no mere information also goes to the screen. Leaving its context writes
+    what is left; a log that takes nothing more is then no second error.
     """
 
     def __init__(self, clock: RunClock, stream: Stream, screen: Screen) -> None:
@@ -112,6 +115,9 @@ class Logbook:
         self._looked_s = clock.monotonic_s()
         self.events: list[Callable[[], tuple[Event, ...]]] = []
         self.clocks: list[Callable[[bool], list[ClockRecord]]] = []
+        self._left = threading.Event()
+        self._thread = threading.Thread(target=self._fit_clocks, name="clocks", daemon=True)
+        self._fault: Exception | None = None
 
     def tell(self, level: str, code: str, text: str) -> None:
         self._stream(Event(self._clock.unix_ns(), level, "rig", code, text))
@@ -130,26 +136,41 @@ class Logbook:
             self._screen.warn(f"{event.source}: {event.text}")
 
     def look(self) -> None:
-        """Ask for news, if the last time was a second ago."""
+        """Ask for news, if the last time was a second ago; raises what ended the fits of clocks."""
+        if self._fault is not None:
+            raise self._fault
         if self._clock.monotonic_s() - self._looked_s >= _EVERY_S:
             self._looked_s = self._clock.monotonic_s()
-            self._ask(at_last=False)
+            self._ask()
 
     def __enter__(self) -> Logbook:
+        self._thread.start()
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        self._left.set()
+        self._thread.join(_JOIN_S)
         try:
-            self._ask(at_last=True)
+            self._ask()
+            self._tell_clocks(at_last=True)
         except RecorderFailed:
             if error is None:
                 raise
 
-    def _ask(self, at_last: bool) -> None:
+    def _ask(self) -> None:
         set_by_somebody = self._clock.look()
         told = () if set_by_somebody is None else (set_by_somebody,)
         for event in (*told, *(event for ask in self.events for event in ask())):
             self.note(event)
+
+    def _tell_clocks(self, at_last: bool) -> None:
         for clocks in self.clocks:
             for record in clocks(at_last):
                 self._stream(record)
+
+    def _fit_clocks(self) -> None:
+        try:
+            while not self._left.wait(_EVERY_S):
+                self._tell_clocks(at_last=False)
+        except Exception as error:  # top of a thread: the sequence hears of it when it looks next
+            self._fault = error

@@ -176,7 +176,7 @@ class Motor:
         if not self._new_polls:
             return []
         self._new_polls = False
-        request_s, reply_s = zip(*self._polls_s, strict=True)
+        request_s, reply_s = zip(*self._polls_s.copy(), strict=True)  # polls go on
         return [base.polled(self._drive.name, request_s, reply_s)]
 
     def _order(self, order: Callable[[], _T]) -> _T:

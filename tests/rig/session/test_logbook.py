@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import errno
 import os
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from daq.clock import SystemClock
 from daq.errors import RecorderFailed
 from daq.log.reader import LogReader
+from daq.log.records import ClockRecord
 from daq.log.writer import LogWriter
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
@@ -59,3 +64,33 @@ def test_the_folder_of_a_log_is_on_the_disk_before_the_log(
     monkeypatch.setattr(os, "fsync", failing)
     with pytest.raises(RecorderFailed, match=r"^cannot make .*/lab/runs: Input/output error$"):
         new_log(tmp_path / "lab" / "runs", "beam", SteppedClock())
+
+
+def test_who_looks_waits_for_no_fit_and_hears_of_one_that_fails(tmp_path: Path) -> None:
+    """A sequence that waited for it would be taken for dead, and its run would end."""
+    begun, go_on = threading.Event(), threading.Event()
+
+    def fitting(at_last: bool) -> list[ClockRecord]:
+        if at_last:
+            return []
+        begun.set()
+        go_on.wait(10.0)
+        raise ValueError("no line through it")
+
+    clock = RunClock(SystemClock())
+    with Recorder(LogWriter(tmp_path / "log.mcap"), clock) as recorder:
+        logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
+        logbook.clocks.append(fitting)
+        with logbook:
+            assert begun.wait(10.0)
+            logbook.look()
+            assert not go_on.is_set()
+            go_on.set()
+            with pytest.raises(ValueError, match="no line"):
+                until(logbook.look)
+
+
+def until(look: Callable[[], None]) -> None:
+    for _ in range(1000):
+        look()
+        time.sleep(0.01)
