@@ -25,10 +25,9 @@ from daq.log.codec import embedded_schema
 from daq.log.records import CHECKSUM_OPCODE, ClockRecord, Event, Gap, Impact
 
 QUIET_S = 0.02  # nothing comes for so long once a block of every channel has
-CHUNK_S, _QUIET_CHUNK_S = 0.15, 0.09
-"""How old a chunk is when it ends: with the next message, or in quiet, its second block of 0.1 s having come.
-
-The format has 0.25 s at most. A crash costs what the last one holds.
+CHUNK_S, _APART_S = 0.15, 0.09
+"""A chunk ends with the first message after so long (the format has 0.25 s at most), and in quiet, though not
+sooner after the last one than that: each declares all channels anew. A crash costs what the last one holds.
 """
 _CHUNK_BYTES = 1 << 20
 _NEVER_BY_ITSELF = 1 << 62
@@ -58,7 +57,7 @@ class LogWriter:
         self._placed: dict[str, tuple[int, int, float]] = {}
         self._due: dict[tuple[str, str], tuple[int, int, str]] = {}
         self._schemas: dict[str, int] = {}
-        self._chunk_opened_ns = 0
+        self._chunk_opened_ns = self._ended_ns = 0
         self._declarations = bytearray()
         self._folder_synced = False
         self._failed: Exception | None = None
@@ -167,11 +166,13 @@ class LogWriter:
         self._record("/impact", "Impact", impact, host_ns)
 
     def flush_if_older(self, host_ns: int, quiet: bool = False) -> None:
-        """End the chunk if it is old enough; to be called every 0.02 s while nothing comes, `quiet`."""
-        most_s = _QUIET_CHUNK_S if quiet else CHUNK_S
-        # negative where the host's clock was set back
-        if self._chunk_opened_ns and not 0 <= host_ns - self._chunk_opened_ns < most_s * NS_PER_S:
+        """End the chunk if it is time; to be called every 0.02 s while nothing comes, `quiet`."""
+        if not self._chunk_opened_ns:
+            return
+        since_ns, least_s = (self._ended_ns, _APART_S) if quiet else (self._chunk_opened_ns, CHUNK_S)
+        if not 0 <= host_ns - since_ns < least_s * NS_PER_S:  # negative: the host's clock was set back
             self._end_chunk()
+            self._ended_ns = host_ns
 
     def sync(self) -> None:
         """Bring to the disk what the system has of the file, and the first time its name; from any thread.
