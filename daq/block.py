@@ -80,6 +80,17 @@ def values_of(
     return values
 
 
+def joined(blocks: Iterable[SampleBlock]) -> list[SampleBlock]:
+    """The same samples of one channel in as few blocks as holes and flags allow."""
+    runs: list[list[SampleBlock]] = []
+    for block in blocks:
+        last = runs[-1][-1] if runs else None
+        if last is None or (last.end_sample, last.flags) != (block.first_sample, block.flags):
+            runs.append([])
+        runs[-1].append(block)
+    return [replace(run[0], values=np.concatenate([each.values for each in run])) for run in runs]
+
+
 def as_logged(channel: str, values: NDArray[np.floating]) -> NDArray[np.floating]:
     """Values as wide as a log keeps them: an unwrapped angle is too long for 32 bits."""
     return values.astype(np.float64 if channel.endswith(".angle") else np.float32, copy=False)

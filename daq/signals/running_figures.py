@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from daq.signals.impact_events import ContactScanner
+
 _STATE = 13
 """Samples of the cycle so far; then four sums of squares, four minima and four maxima."""
 
@@ -39,8 +41,10 @@ class CycleScanner:
 
 
 def warm_up() -> None:
-    """Compile ahead of the first block."""
-    CycleScanner().add(np.zeros(1, np.float32), np.zeros(1, np.int64))
+    """Compile what looks at each block, for figures of cycles and for impacts, ahead of the first."""
+    block = np.zeros(1, np.float32)
+    CycleScanner().add(block, np.zeros(1, np.int64))
+    ContactScanner(1.0).add(block)
 
 
 @njit(cache=True, nogil=True)

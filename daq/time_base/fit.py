@@ -44,6 +44,7 @@ LEAST_PAIRS = 24
 _MOST_PAIRS = 1 << 16  # near two hours at ten pairs a second; then every second one goes
 _BINS = 120  # each gives one point to the line: enough for a bend to show
 _PAIRS_IN_BIN = 20  # the fewest from which two at either end can be cut off
+_BINS_OF_ONE = 4  # between two steps, on average: each has a level, and they share a slope
 _FEWEST_BINS = 8  # below them neither a bend nor a step is told
 _SHARP_SHARE = 0.04
 """Share of arrivals in the lowest tenth between edge and median from which the edge is sharp: uniform 0.05,
@@ -105,7 +106,8 @@ class _Binned:
 
     def __init__(self, late: Array, elapsed_s: Array, starts: list[int]) -> None:
         ends = [*starts[1:], len(late)]
-        size = max(len(late) // _BINS, min(_PAIRS_IN_BIN, len(late) // _FEWEST_BINS), 1)
+        size = max(len(late) // _BINS, min(_PAIRS_IN_BIN, len(late) // _FEWEST_BINS))
+        size = max(min(size, len(late) // (_BINS_OF_ONE * len(starts))), 1)
         edges = [
             np.linspace(start, end, max(1, round((end - start) / size)) + 1).round().astype(int)
             for start, end in zip(starts, ends, strict=True)

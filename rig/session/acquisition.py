@@ -23,6 +23,8 @@ READINGS = 2  # to a block of the record: whoever takes one pays for each, be it
 _TAKES_S, _READS_S = 0.6, 0.8
 """What comes to a reading; a block and the card's own margins (0.675 s), whose word says more. Whoever needs
 longer watches no limit."""
+LATE_S = _READS_S
+"""Nor does who looks at samples so old: each call may be quick, and still what waits in the card grow."""
 JOIN_S = 5.0
 """How long the end of a thread is awaited: nothing moves by then, and a driver may have no deadline."""
 _FLAG_CODES = {
@@ -117,6 +119,10 @@ class Acquisition:
     def hangs(self) -> bool:
         """Whether its thread has taken so long that it must be taken for dead."""
         return self._clock.monotonic_s() > self._due_s
+
+    def late_s(self, reading: CardReading) -> float:
+        """How long ago the last sample of a reading was taken."""
+        return float(self.base.card_s(self.base.now_s())) - end_of(reading) / self._card.sample_rate
 
     def trip(self, passed: Passed | str) -> None:
         """In the acquisition thread: a limit was passed that ends the run."""

@@ -234,16 +234,19 @@ class Shaker:
         return []
 
     def _go(self, before: SineDrive, after: SineDrive, steps: int = _RAMP_STEPS) -> None:
+        largest = max(before.amplitude, after.amplitude)
+        orders = (
+            (before.frequency, after.frequency, self.generator.set_frequency),
+            (before.amplitude, after.amplitude, lambda newtons: self._set_amplitude(newtons, largest)),
+            (before.offset, after.offset, self._set_offset),
+        )
+        changed = [each for each in orders if each[0] != each[1]]
         for step in range(1, steps + 1):
-            share = step / steps
             self.wait(RAMP_S / _RAMP_STEPS)
-            if after.frequency != before.frequency:
-                self.generator.set_frequency(_between(before.frequency, after.frequency, share))
-            if after.amplitude != before.amplitude:
-                largest = max(before.amplitude, after.amplitude)
-                self._set_amplitude(_between(before.amplitude, after.amplitude, share), largest)
-            if after.offset != before.offset:
-                self._set_offset(_between(before.offset, after.offset, share))
+            for number, (was, becomes, order) in enumerate(changed):
+                if number:  # each answer may take its time
+                    self.wait(0.0)
+                order(_between(was, becomes, step / steps))
 
     def _set_amplitude(self, newtons: float, largest: float) -> None:
         """On a way with a `largest` below what a generator can do, it is left as it was armed."""

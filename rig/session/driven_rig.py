@@ -34,7 +34,7 @@ from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
 from rig.instruments import actuator_of
 from rig.rigs import RIGS
-from rig.session.acquisition import JOIN_S, Acquisition, Reader
+from rig.session.acquisition import JOIN_S, LATE_S, Acquisition, Reader
 from rig.session.by_hand import ByHand, SineSeen
 from rig.session.devices import Devices, Standing
 from rig.session.drive import Motion, Shaker, drive_off_after
@@ -166,7 +166,7 @@ class DrivenRig:
                 due = (ordered_s + _REACHES_RIG_S + force.over_s) * self.sample_rate
                 self.watch.until(acquisition, lambda: acquisition.acquired >= due)
                 sine = ordered.amplitude, ordered.offset, ordered.frequency
-                if unlike := force.unlike(*sine, driven):
+                if unlike := self.watch.meanwhile(acquisition, lambda: force.unlike(*sine, driven)):
                     self.logbook.tell("error", "drive.abort", unlike)
                     raise InterlockTripped(f"interlock: {unlike}")
 
@@ -551,6 +551,8 @@ class DrivenRig:
         """In the acquisition thread, which watches the guard as the guard does it."""
         if self._moves and self._unguarded:
             self.acquisition.trip("nobody guards the run")
+        if self._moves and (late_s := self.acquisition.late_s(reading)) > LATE_S:
+            self.acquisition.trip(f"what is measured is seen {late_s:.1f} s late")
         beyond = ""
         if self._force is not None:
             row = self.names.index(self._force.channel.name)

@@ -7,12 +7,13 @@ import hashlib
 import re
 import threading
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from daq.block import NS_PER_S
 from daq.clock import Clock
 from daq.disk import make_folder
-from daq.errors import RecorderFailed
+from daq.errors import RecorderFailed, show_fault
 from daq.log.records import CALIBRATED, ClockRecord, Event, Gap, Impact
 from daq.recorder import Recorder
 from daq.time_base.run_clock import RunClock
@@ -117,7 +118,7 @@ class Logbook:
         self.clocks: list[Callable[[bool], list[ClockRecord]]] = []
         self._left = threading.Event()
         self._thread = threading.Thread(target=self._fit_clocks, name="clocks", daemon=True)
-        self._fault: Exception | None = None
+        self._failed: RecorderFailed | None = None
 
     def tell(self, level: str, code: str, text: str) -> None:
         self._stream(Event(self._clock.unix_ns(), level, "rig", code, text))
@@ -136,9 +137,9 @@ class Logbook:
             self._screen.warn(f"{event.source}: {event.text}")
 
     def look(self) -> None:
-        """Ask for news, if the last time was a second ago; raises what ended the fits of clocks."""
-        if self._fault is not None:
-            raise self._fault
+        """Ask for news, if the last time was a second ago; raises RecorderFailed."""
+        if self._failed is not None:
+            raise self._failed
         if self._clock.monotonic_s() - self._looked_s >= _EVERY_S:
             self._looked_s = self._clock.monotonic_s()
             self._ask()
@@ -172,5 +173,11 @@ class Logbook:
         try:
             while not self._left.wait(_EVERY_S):
                 self._tell_clocks(at_last=False)
-        except Exception as error:  # top of a thread: the sequence hears of it when it looks next
-            self._fault = error
+        except RecorderFailed as error:
+            self._failed = error
+        except Exception as error:  # top of a thread: a clock's model only tells, and its last one stays
+            self.clocks.clear()
+            told = f"how clocks lie is told no more: {error}"
+            with suppress(RecorderFailed):  # which ends the run by itself
+                self.note(Event(self._clock.unix_ns(), "warning", "rig", "clock.not_fitted", told))
+            show_fault(error)

@@ -138,7 +138,7 @@ class Sequence:
             hold.begin()
             since += self._samples(measured_s)
             self._until(since)
-            found = hold.end()
+            found = self.rig.watch.meanwhile(self.rig.acquisition, hold.end)
             if found.known:
                 break
         if not found.correctable:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TypeVar
 
 from daq.clock import Clock
 from daq.errors import RattleError
 from drivers.protocols.emergency_stop import LOOK_S
 from rig.session.acquisition import Acquisition
 
+_T = TypeVar("_T")
 _BLOCK_S = 0.1  # as often as the card's readings come
 _SILENCE_S = 5.0  # without a sample; while it moves the guard is quicker
 ASK_S = 0.1  # an exchange costs a generator's link some ms, which the guard may be waiting for
@@ -71,3 +75,17 @@ class Watch:
             elif self._clock.monotonic_s() - silent_since > _SILENCE_S:
                 raise RattleError(f"{acquisition.name} gave no samples for {_SILENCE_S:g} s")
         self.check()
+
+    def meanwhile(self, acquisition: Acquisition, compute: Callable[[], _T]) -> _T:
+        """What `compute` gives or raises, in a thread: where much else runs 50 ms may take a second."""
+        found: Future[_T] = Future()
+
+        def run() -> None:
+            try:
+                found.set_result(compute())
+            except Exception as error:  # top of a thread: raised again by whoever waits
+                found.set_exception(error)
+
+        threading.Thread(target=run, name="computation", daemon=True).start()
+        self.until(acquisition, found.done)
+        return found.result()

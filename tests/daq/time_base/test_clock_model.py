@@ -149,6 +149,16 @@ def test_two_steps_part_the_run_into_three() -> None:
     assert model.rate_ppm == pytest.approx(-40.0, abs=0.5)
 
 
+def test_a_clock_that_steps_all_the_time_is_fitted_all_the_same() -> None:
+    """As one that is set every so often, hours long: there are as many steps as points of the line."""
+    device = np.arange(9600.0)
+    arrival = device + delays(len(device)) + 0.5 * (np.arange(len(device)) // 100)
+    model = fitted(device, arrival)
+    assert len(model.steps) == 95
+    assert np.median([step.size_s for step in model.steps]) == pytest.approx(0.5, abs=1e-3)
+    assert np.all(np.isfinite(model.uncertainty_s(device)))
+
+
 def test_samples_that_a_counting_device_lost_are_a_step() -> None:
     count = np.arange(3000)
     arrival = count / RATE_HZ + 1.5 * (count >= 1000) + delays(len(count))  # 15 samples never came

@@ -246,6 +246,24 @@ def test_an_acquisition_that_hangs_is_switched_off(tmp_path: Path) -> None:
     ended(bench, Hung, "the acquisition took too long for a reading", during)
 
 
+def test_an_acquisition_that_falls_behind_is_switched_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though no reading takes long: its limits would be held against what was seconds ago."""
+    bench = Bench(tmp_path, None)
+    read = bench.card.read
+
+    def slow(count: int) -> CardReading:
+        time.sleep(0.3)
+        return read(count)
+
+    def during(rig: DrivenRig) -> None:
+        monkeypatch.setattr(bench.card, "read", slow)
+        rig.watch.wait(5.0)
+
+    ended(bench, InterlockTripped, r"what is measured is seen (0\.[89]|1\.\d) s late", during)
+
+
 def hanging(read: Callable[[int], CardReading], goes_on: threading.Event) -> Callable[[int], CardReading]:
     """A read that hangs until it is let go on."""
 

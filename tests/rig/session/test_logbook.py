@@ -6,7 +6,6 @@ import errno
 import os
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -66,19 +65,19 @@ def test_the_folder_of_a_log_is_on_the_disk_before_the_log(
         new_log(tmp_path / "lab" / "runs", "beam", SteppedClock())
 
 
-def test_who_looks_waits_for_no_fit_and_hears_of_one_that_fails(tmp_path: Path) -> None:
+def test_who_looks_waits_for_no_fit_and_one_that_fails_ends_no_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A sequence that waited for it would be taken for dead, and its run would end."""
     begun, go_on = threading.Event(), threading.Event()
 
     def fitting(at_last: bool) -> list[ClockRecord]:
-        if at_last:
-            return []
         begun.set()
         go_on.wait(10.0)
         raise ValueError("no line through it")
 
-    clock = RunClock(SystemClock())
-    with Recorder(LogWriter(tmp_path / "log.mcap"), clock) as recorder:
+    clock, path = RunClock(SystemClock()), tmp_path / "log.mcap"
+    with Recorder(LogWriter(path), clock) as recorder:
         logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
         logbook.clocks.append(fitting)
         with logbook:
@@ -86,11 +85,28 @@ def test_who_looks_waits_for_no_fit_and_hears_of_one_that_fails(tmp_path: Path) 
             logbook.look()
             assert not go_on.is_set()
             go_on.set()
-            with pytest.raises(ValueError, match="no line"):
-                until(logbook.look)
+    with LogReader(path) as log:
+        assert [event.text for event in log.events()] == [
+            "how clocks lie is told no more: no line through it"
+        ]
+    assert "ValueError: no line through it" in capsys.readouterr().err
 
 
-def until(look: Callable[[], None]) -> None:
+def test_a_log_that_fails_while_clocks_are_told_ends_the_run(tmp_path: Path) -> None:
+    def fitting(at_last: bool) -> list[ClockRecord]:
+        if at_last:
+            return []
+        raise RecorderFailed("the disk is slower than the data")
+
+    clock = RunClock(SystemClock())
+    with Recorder(LogWriter(tmp_path / "log.mcap"), clock) as recorder:
+        logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
+        logbook.clocks.append(fitting)
+        with logbook, pytest.raises(RecorderFailed, match="slower than the data"):
+            look_on(logbook)
+
+
+def look_on(logbook: Logbook) -> None:
     for _ in range(1000):
-        look()
+        logbook.look()
         time.sleep(0.01)
