@@ -6,10 +6,10 @@ Every process that shows the shaft computes it from the same outputs and gets th
 from __future__ import annotations
 
 import math
+import select
 import threading
 from bisect import bisect_right
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Final
@@ -162,13 +162,19 @@ class LinkedShaft:
         self, motor: EmulatedMotor, outputs: Connection | None = None, initial: MotorOutput | None = None
     ) -> None:
         self._course, self._outputs = ShaftCourse(motor), outputs
+        self._poll = select.poll()
+        if outputs is not None:
+            self._poll.register(outputs, select.POLLIN)
         self._looking = threading.Lock()
         if initial is not None:
             self._course.hear(initial)
 
     def __call__(self, time_s: float) -> float:
         with self._looking:
-            with suppress(EOFError, OSError):  # the inverter is gone; its output stays as it was
-                while self._outputs is not None and self._outputs.poll():
+            try:
+                # Not the connection's own poll: it makes a selector each time.
+                while self._outputs is not None and self._poll.poll(0):
                     self._course.hear(self._outputs.recv())
+            except (EOFError, OSError):  # the inverter is gone; its output stays as it was
+                self._outputs = None
             return self._course.angle(time_s)

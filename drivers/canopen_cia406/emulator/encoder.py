@@ -139,7 +139,8 @@ class EmulatedEncoder:
 
     def _position_due_s(self) -> float:
         # Object 6200h: positions come by themselves while the node is operational and this is not 0.
-        timer_ms = int(self._node.sdo[0x6200].raw)
+        # From the store: each read by SDO makes an object and a text for the log.
+        timer_ms = int.from_bytes(self._node.data_store.get(0x6200, {}).get(0, b""), "little")
         if self._node.nmt.state != "OPERATIONAL" or timer_ms == 0:
             self._frame = -1
             return math.inf
@@ -157,19 +158,18 @@ class EmulatedEncoder:
         for kind, value in kinds.items():
             self._fail(kind, value, due_s)
         lost = self._silent or bool(kinds.keys() & {"missing", "receive_overrun"})
+        counts = self._position(due_s)
         self._truth.tell(
             since_s=self._start_s,
             frame=frame,
             unix_s=self._unix_s + due_s - self._origin_s,
-            counts=self._position(due_s),
+            counts=counts,
             sent=not lost and "wrong_length" not in kinds,
         )
         if lost:
             return
         data = b"".join(
-            self._position(due_s).to_bytes(4, "little")
-            if mapped >> 16 == 0x6004
-            else bytes((mapped & 0xFF) // 8)
+            counts.to_bytes(4, "little") if mapped >> 16 == 0x6004 else bytes((mapped & 0xFF) // 8)
             for mapped in self._setup.mapped
         )
         # A bus only ever delays: a frame is due at its beat or up to `jitter_s` later.
