@@ -17,6 +17,7 @@ from functools import lru_cache
 from itertools import combinations, islice, pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +114,7 @@ def _told(path: Path, size: int) -> list[SentByCard | SentByEncoder]:
         elif "values" in told and isinstance(card := found[-1], SentByCard):
             assert told["first"] == card.made
             card.made, card.read = card.made + told["count"], told["read"]
-            card.shown |= {int(index): values for index, values in told["values"].items()}
+            card.shown |= values_told(told)
             card.counted |= {int(index): counts for index, counts in told["counted"].items()}
         elif "counts_per_revolution" in told:
             counts_per_revolution = told["counts_per_revolution"]
@@ -126,6 +127,11 @@ def _told(path: Path, size: int) -> list[SentByCard | SentByEncoder]:
                 encoder.counts.append(told["counts"])
                 encoder.sent.append(told["sent"])
     return found
+
+
+def values_told(told: Mapping[str, Any]) -> dict[int, list[float]]:
+    """Of a card's inputs, by sample; the floats are told as hex of their bytes."""
+    return {int(index): np.frombuffer(bytes.fromhex(each)).tolist() for index, each in told["values"].items()}
 
 
 def sent_in(folder: Path) -> list[SentByCard | SentByEncoder]:

@@ -26,6 +26,7 @@ from tests.accounting import (
     place_on_encoder,
     tail_of_encoder,
     tiled,
+    values_told,
 )
 
 PIECE_S = 5.0
@@ -180,7 +181,7 @@ class _ToldByCard:
         sent = self.sent
         while self._until < end and (told := next(self._lines, None)) is not None:
             self._until = told["first"] + told["count"]
-            sent.shown |= {int(index): values for index, values in told["values"].items()}
+            sent.shown |= values_told(told)
             sent.counted |= {int(index): counts for index, counts in told["counted"].items()}
         sent.shown = {index: values for index, values in sent.shown.items() if index >= first}
         sent.counted = {index: counts for index, counts in sent.counted.items() if index >= first}

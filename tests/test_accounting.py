@@ -57,7 +57,9 @@ def truth(tmp_path: Path) -> Path:
         {
             "first": at,
             "count": 50,
-            "values": {str(each): [force(each), force(3 * each)] for each in (at, at + 9)},
+            "values": {
+                str(each): np.array([force(each), force(3 * each)]).tobytes().hex() for each in (at, at + 9)
+            },
             "counted": {str(each): [counts(each)] for each in (at, at + 9)},
             "read": at,
         }

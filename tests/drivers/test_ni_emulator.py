@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from nidaqmx._stubs import nidaqmx_pb2, nidaqmx_pb2_grpc
 
-from drivers.ni_daq.emulator.acquisition import Acquisition, DriveInbox
+from drivers.ni_daq.emulator.acquisition import Acquisition, DriveInbox, SampleBuffer
 from drivers.ni_daq.emulator.converter import Converter
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input, Wire, coerced_rate
 from drivers.protocols.generator import DriveSettings
@@ -94,6 +94,13 @@ def test_drive_reaches_the_plant_at_its_sample_or_as_soon_as_it_can() -> None:
     expected = [seen_at(early if t < due.started_s else due, t) for t in times_s]
     assert first == pytest.approx(expected, abs=0.5 * LSB_V + 1e-9)
     assert second == pytest.approx([seen_at(late, t + 0.025) for t in times_s], abs=0.5 * LSB_V + 1e-9)
+
+
+def test_reads_that_pass_the_end_of_the_buffer_are_in_order() -> None:
+    buffer, samples = SampleBuffer(2, 10), np.arange(84.0).reshape(2, 42)
+    for first in range(0, 42, 7):
+        buffer.put(samples[:, first : first + 7])
+        assert (buffer.read(7, 0.0) == samples[:, first : first + 7]).all()
 
 
 def test_a_read_waits_no_longer_than_it_may_and_ends_with_the_task() -> None:

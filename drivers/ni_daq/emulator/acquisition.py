@@ -85,7 +85,12 @@ class SampleBuffer:
             if self.available < count:
                 text = f"{self.available} of {count} samples within {timeout_s:g} s"
                 raise self._fault or DaqmxError(DAQmxErrors.SAMPLES_NOT_YET_AVAILABLE, text)
-            values = self._ring.take(range(self._taken, self._taken + count), axis=1, mode="wrap")
+            rows, size = self._ring.shape
+            first = self._taken % size
+            head = min(count, size - first)
+            values = np.empty((rows, count), self._ring.dtype)
+            values[:, :head] = self._ring[:, first : first + head]
+            values[:, head:] = self._ring[:, : count - head]
             self._taken += count
         return values
 
@@ -228,7 +233,7 @@ class Acquisition:
                     self._truth.tell(
                         first=first,
                         count=count,
-                        values={first + at: values[:, at].tolist() for at in shown},
+                        values={first + at: values[:, at].tobytes().hex() for at in shown},
                         counted={first + at: [each[at].item() for each in counted] for at in shown},
                         read=self.buffer.read_so_far,
                     )

@@ -32,12 +32,13 @@ class Converter:
         wires = [wiring.wires.get(item.physical) for item in inputs]
         live = [wire if wire is not None and wire.connected else None for wire in wires]
         seen = [None if wire is None or wire.shorted or not wire.plant_channel else wire for wire in live]
-        self._idle = np.array([wire is None for wire in seen])
-        self._rows = np.array(
-            [0 if wire is None else plant_channels.index(wire.plant_channel) for wire in seen]
-        )
-        self._gains = np.array([[0.0 if wire is None else wire.volts_per_unit] for wire in seen])
+        wired = [(row, wire) for row, wire in enumerate(seen) if wire is not None]
+        self._wired = [row for row, _ in wired]
+        self._idle = [row for row, wire in enumerate(seen) if wire is None]
+        self._rows = [plant_channels.index(wire.plant_channel) for _, wire in wired]
         self._lsb = np.array([[5.0 if wire is None else wire.range_v] for wire in wires]) / HALF_CODES
+        volts_per_unit = np.array([wire.volts_per_unit for _, wire in wired])[:, None]
+        self._gains = volts_per_unit / self._lsb[self._wired]
         self._scales = self._lsb / np.array([[item.volts_per_unit] for item in inputs])
         self._stages = [[] if wire is None else stages_of(wire, rate_hz) for wire in seen]
         # elsewhere the plant's noise is the input's too
@@ -51,22 +52,24 @@ class Converter:
 
     def convert(self, plant: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return values as read, shape (inputs, n), and which inputs clipped, shape (inputs,)."""
-        codes = plant[self._rows] * (self._gains / self._lsb)
+        codes = np.empty((len(self._lsb), plant.shape[1]))
+        codes[self._wired] = plant[self._rows] * self._gains
         for row, stages in enumerate(self._stages):
             for stage in stages:
                 codes[row] = stage(codes[row] * self._lsb[row]) / self._lsb[row]
         for row in self._filtered:
             codes[row] += self._random.normal(0.0, self._noise_v, codes.shape[1]) / self._lsb[row]
-        if self._idle.any():
-            shape = (int(self._idle.sum()), plant.shape[1])
-            # A loose or shorted input still converts: its own noise, about zero.
-            codes[self._idle] = self._random.normal(0.0, self._noise_v, shape) / self._lsb[self._idle]
+        # A loose or shorted input still converts: its own noise, about zero.
+        noise = self._random.standard_normal((len(self._idle), plant.shape[1]))
+        noise *= self._noise_v / self._lsb[self._idle]
+        codes[self._idle] = noise
         # Whole codes: what two's complement of 24 bits can say, clipped at either end.
         np.rint(codes, out=codes)
         highest, lowest = codes.max(axis=1), codes.min(axis=1)
         clipped = (highest >= HALF_CODES - 1) | (lowest <= -HALF_CODES)
         np.clip(codes, -HALF_CODES, HALF_CODES - 1, out=codes)
-        return codes * self._scales, clipped
+        codes *= self._scales
+        return codes, clipped
 
 
 Stage: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
