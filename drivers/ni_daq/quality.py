@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -52,8 +53,10 @@ class QualityWatch:
         highest, lowest = (
             each.reduce(values, axis=1, keepdims=True, initial=0.0) for each in (np.fmax, np.fmin)
         )
-        beyond = (np.fmax(highest, -lowest) >= self._limits).ravel().tolist()
-        for row in self._analog:
+        largest = np.fmax(highest, -lowest)
+        beyond = (largest >= self._limits).ravel().tolist()
+        near = (largest >= self._limits * NEAR_FULL_SCALE).ravel().tolist()
+        for row in (row for row in self._analog if near[row]):
             # near full scale, some samples in a row that are equal tell the same
             high = np.abs(values[row]) >= float(self._limits[row, 0]) * NEAR_FULL_SCALE
             if np.count_nonzero(high) >= EQUAL_SAMPLES:
@@ -76,9 +79,12 @@ class QualityWatch:
 
     def _stuck(self, values: NDArray[np.float64]) -> list[Finding]:
         found = []
+        ends = values[:, -2:].tolist()
         for row in self._analog:
-            seen, block = self._rows[row], values[row]
-            if len(block):  # how many of the last samples were equal
+            seen, block, end = self._rows[row], values[row], ends[row]
+            if len(end) == 2 and end[0] != end[1]:  # as nearly always
+                seen.equal, seen.value = 0 if math.isnan(end[1]) else 1, end[1]
+            elif end:  # how many of the last samples were equal
                 differing = np.flatnonzero(block != block[-1])
                 before = seen.equal if seen.value == block[-1] else 0
                 seen.equal = len(block) - 1 - int(differing[-1]) if len(differing) else len(block) + before
@@ -93,10 +99,11 @@ class QualityWatch:
 
     def _off_zero(self, values: NDArray[np.float64]) -> list[Finding]:
         found = []
+        totals = values.sum(axis=1).tolist() if self._coupled else []
         for row in self._coupled:
             seen, channel = self._rows[row], self._channels[row]
             # Over whole seconds, block by block: a slow period must not look like an offset.
-            seen.total += float(values[row].sum())
+            seen.total += totals[row]
             seen.count += values.shape[1]
             mean = seen.total / max(seen.count, 1)
             if seen.count >= OFFSET_S * self._rate:

@@ -9,11 +9,14 @@ import ipaddress
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import grpc
+import numpy as np
 from nidaqmx import errors as nidaqmx_errors
 from nidaqmx.error_codes import DAQmxErrors
+from numpy.typing import NDArray
 
 from daq.errors import (
     ConfigurationError,
@@ -129,6 +132,23 @@ def split_address(address: str) -> tuple[str, int]:
     return host, int(port)
 
 
+@cache
+def copy_at_once() -> None:
+    """Have nidaqmx copy a whole reading at once: element by element takes it 20 times as long."""
+    from nidaqmx import _grpc_interpreter  # 0.2 s to import, for those with a device server only
+
+    names = vars(_grpc_interpreter)
+    by_element = names.get("_assign_numpy_array")
+
+    def assign(array: NDArray[Any], came: Any) -> None:
+        if isinstance(came, bytes) or len(came) != array.size:
+            by_element(array, came)
+        else:
+            array[...] = np.asarray(came).reshape(array.shape)
+
+    names["_assign_numpy_array"] = assign
+
+
 def connect(instrument: str, address: str) -> Any:
     """Return a ready channel to the device server at `address`.
 
@@ -152,5 +172,6 @@ def connect(instrument: str, address: str) -> Any:
     except BaseException:
         plain.close()
         raise
+    copy_at_once()
     # Closing the intercepted channel closes the plain one.
     return grpc.intercept_channel(plain, Deadline())

@@ -74,7 +74,7 @@ class Acquisition:
         self._count = max(1, round(READING_S * card.sample_rate))
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
         self._stop = threading.Event()
-        self._raised = dict.fromkeys(self._names, Flag.GOOD)
+        self._good = self._raised = (Flag.GOOD,) * len(self._names)
         self.changed = threading.Condition()  # its lock is over `acquired`, `record_from`, `record_until`
         self.base = CardClock(clock, card.sample_rate)
         self.acquired = 0
@@ -187,13 +187,13 @@ class Acquisition:
             self._event(level, code, str(passed))
 
     def _note_flags(self, reading: CardReading) -> None:
-        for name, flags in zip(self._names, reading.flags, strict=True):
-            risen = flags & ~self._raised[name]
-            self._raised[name] = flags  # a flag that lasts is told once
-            self.overloads[name] += bool(flags & Flag.OVERLOAD)
-            for flag, code in _FLAG_CODES.items():
-                if risen & flag:
-                    self._event("warning", f"sensor.{code}", f"{name}: {code.replace('_', ' ')}")
+        before, self._raised = self._raised, reading.flags  # a flag that lasts is told once
+        if reading.flags != self._good:
+            for name, flags, raised in zip(self._names, reading.flags, before, strict=True):
+                self.overloads[name] += bool(flags & Flag.OVERLOAD)
+                for flag, code in _FLAG_CODES.items():
+                    if flags & ~raised & flag:
+                        self._event("warning", f"sensor.{code}", f"{name}: {code.replace('_', ' ')}")
         for finding in reading.findings:
             self._event("warning", f"sensor.{finding.code}", f"{finding.channel}: {finding.text}")
 

@@ -14,6 +14,8 @@ from datetime import date
 
 import numpy as np
 import pytest
+from nidaqmx import _grpc_interpreter as interpreter
+from nidaqmx._stubs import nidaqmx_pb2 as messages
 from nidaqmx.errors import DaqNotFoundError
 from numpy.typing import NDArray
 
@@ -30,6 +32,7 @@ from drivers.ni_daq.card import NiDaqCard
 from drivers.ni_daq.channels import CardChannel, CardSettings
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, Wire
+from drivers.ni_daq.session import copy_at_once
 from drivers.protocols.generator import DriveSettings
 from drivers.scpi.emulator.process import start_function_generator
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
@@ -75,6 +78,26 @@ def test_reads_what_the_plant_makes_in_the_units_of_the_bench(card_emulator: Emu
         assert first.values[2] == pytest.approx(1.0, abs=LSB_V / 0.5)
         assert first.flags == (Flag.GOOD,) * 3
         card.stop()
+
+
+@pytest.mark.parametrize(
+    ("read", "kind", "dtype"),
+    [
+        ("read_analog_f64", "ReadAnalogF64", np.float64),
+        ("read_counter_u32", "ReadCounterU32", np.uint32),
+        ("read_binary_i16", "ReadBinaryI16", np.int16),
+    ],
+)
+def test_a_reading_copied_at_once_is_that_of_nidaqmx(read: str, kind: str, dtype: type[np.generic]) -> None:
+    copy_at_once()
+    assert "_assign_numpy_array" in getattr(interpreter.GrpcStubInterpreter, read).__code__.co_names
+    for came in (12, 5, 0):
+        values = getattr(messages, f"{kind}Response")(read_array=range(came)).read_array
+        for mine in (np.full((3, 4), 9, dtype), np.full((4, 3), 9, dtype).T):
+            expected = mine.copy()
+            expected.flat[:came] = values
+            interpreter._assign_numpy_array(mine, values)
+            assert mine.tolist() == expected.tolist()
 
 
 def test_channels_say_what_they_are() -> None:

@@ -250,6 +250,10 @@ def test_a_marker_may_stand_at_its_level() -> None:
         ([[1.0] * 20, [1.0] * 20, [1.0, 2.0], [2.0] * 20], ["stuck", "stuck"]),
         ([[math.nan] * 20], []),
         ([[], [1.0] * 10, []], ["stuck"]),
+        ([[1.0]] * 10, ["stuck"]),
+        ([[2.0, 1.0], [1.0] * 9], ["stuck"]),
+        ([[1.0] * 9 + [math.nan], [1.0] * 9], []),
+        ([[math.nan] + [1.0] * 9, [math.nan]], []),
     ],
 )
 def test_a_tenth_of_a_second_of_one_value_is_stuck(blocks: list[list[float]], codes: list[str]) -> None:
