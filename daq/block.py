@@ -46,6 +46,17 @@ class SampleBlock:
     values: NDArray[np.floating]
     flags: Flag = Flag.GOOD
 
+    # That of a dataclass with slots walks its fields, at both ends.
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (
+            self.channel,
+            self.first_sample,
+            self.time_ns,
+            self.sample_rate,
+            self.values,
+            self.flags,
+        )
+
     def __len__(self) -> int:
         return len(self.values)
 

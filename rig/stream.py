@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ class Block:
 
     origin: Origin
     samples: SampleBlock
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.origin, self.samples)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ same wire format and moves a whole numpy array at once; only the true declaratio
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -161,9 +162,10 @@ def encode_block(block: SampleBlock) -> bytes:
         message.wide = block.values.astype("<f8", copy=False).tobytes()
     else:
         message.values = block.values.astype("<f4", copy=False).tobytes()
-    if len(block):
-        message.minimum, message.maximum = float(block.values.min()), float(block.values.max())
-        message.rms = float(np.sqrt(np.mean(np.square(block.values, dtype=np.float64))))
+    if len(block):  # by ufuncs: an array's methods and np.mean go through Python
+        message.minimum, message.maximum = np.minimum.reduce(block.values), np.maximum.reduce(block.values)
+        power = np.add.reduce(np.square(block.values, dtype=np.float64)) / len(block)
+        message.rms = math.sqrt(power)
     return bytes(message.SerializeToString())
 
 

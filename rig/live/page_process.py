@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import select
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
@@ -55,9 +56,11 @@ def tell_page(pipe: Connection, onward: Connection, page_port: int) -> None:
 
 def records(pipe: Connection, state: PageState) -> Iterator[tuple[bytes, Shown]]:
     """What comes, until None does, as it came and unpickled; the page's state has heard of it."""
+    poll = select.poll()  # `pipe.poll` would make a selector each time
+    poll.register(pipe, select.POLLIN)
     while True:
         try:
-            while not pipe.poll(PERIOD_S):
+            while not poll.poll(PERIOD_S * 1000):
                 state.look()
             pickled = pipe.recv_bytes()
             frame: Shown | None = pickle.loads(pickled)  # noqa: S301 - by our own acquisition
