@@ -99,7 +99,8 @@ class QualityWatch:
 
     def _off_zero(self, values: NDArray[np.float64]) -> list[Finding]:
         found = []
-        totals = values.sum(axis=1).tolist() if self._coupled else []
+        with np.errstate(invalid="ignore"):  # of infinities, which flags tell of
+            totals = values.sum(axis=1).tolist() if self._coupled else []
         for row in self._coupled:
             seen, channel = self._rows[row], self._channels[row]
             # Over whole seconds, block by block: a slow period must not look like an offset.
