@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,20 +22,29 @@ def envelope(values: NDArray[np.floating], maximum_points: int) -> Envelope:
     The chosen samples keep their own index, so a peak stays where it was. A bucket that holds a NaN keeps it,
     so a gap stays a gap. Short arrays come back whole.
     """
-    count = len(values)
+    return envelopes([values], maximum_points)[0]
+
+
+def envelopes(rows: Sequence[NDArray[np.floating]], maximum_points: int) -> list[Envelope]:
+    """The `envelope` of each of `rows`, all of shape (n,); together they take about half the time."""
+    count = len(rows[0])
     if count <= maximum_points:
-        return Envelope(np.arange(count), values)
+        return [Envelope(np.arange(count), values) for values in rows]
     size = stretch_of(count, maximum_points)
-    whole = count // size * size
-    buckets = values[:whole].reshape(-1, size)
-    start = np.arange(0, whole, size)
-    pairs = np.stack((start + buckets.argmin(axis=1), start + buckets.argmax(axis=1)), axis=1)
-    if whole < count:
-        rest = values[whole:]
-        pairs = np.vstack((pairs, [[whole + rest.argmin(), whole + rest.argmax()]]))
-    index = np.sort(pairs, axis=1).ravel()
-    index = index[np.concatenate(([True], np.diff(index) > 0))]
-    return Envelope(index, values[index])
+    start = np.arange(0, count, size)
+    full = count // size
+    pairs = np.empty((len(rows), len(start), 2), dtype=np.intp)
+    for pair, values in zip(pairs, rows, strict=True):
+        buckets, rest = values[: full * size].reshape(-1, size), values[full * size :]
+        pair[:full, 0], pair[:full, 1] = buckets.argmin(axis=1), buckets.argmax(axis=1)
+        if len(rest):
+            pair[full] = rest.argmin(), rest.argmax()
+    pairs += start[:, np.newaxis]
+    pairs.sort(axis=2)
+    indices = pairs.reshape(len(rows), -1)
+    new = np.diff(indices, axis=1, prepend=-1) > 0
+    chosen = [each[kept] for each, kept in zip(indices, new, strict=True)]
+    return [Envelope(each, values[each]) for each, values in zip(chosen, rows, strict=True)]
 
 
 def stretch_of(count: int, maximum_points: int) -> int:

@@ -173,13 +173,16 @@ class SpectrumAverage:
     def add(self, values: NDArray[np.floating], flagged: NDArray[np.bool_] | None = None) -> None:
         """Take the next samples, shape (n,); those where `flagged`, shape (n,), is True must not count."""
         for segment in self._cutter.add(usable(values, flagged)):
-            if not without_gap(segment)[0]:
-                continue
-            lines = windowed_lines(segment, self._weights)[0]
-            power = lines.real**2 + lines.imag**2
-            self._count += 1
-            mean = power if self._count == 1 else self._mean
-            self._mean = mean + (power - mean) / min(self._count, self._memory or self._count)
+            if without_gap(segment)[0]:
+                self.add_segment(segment)
+
+    def add_segment(self, segment: NDArray[np.float64]) -> None:
+        """Take a segment, shape (1, samples), all of it finite."""
+        lines = windowed_lines(segment, self._weights)[0]
+        power = lines.real**2 + lines.imag**2
+        self._count += 1
+        mean = power if self._count == 1 else self._mean
+        self._mean = mean + (power - mean) / min(self._count, self._memory or self._count)
 
     def result(self) -> AveragedSpectrum:
         square, total = float(np.sum(self._weights**2)), float(np.sum(self._weights))
@@ -215,8 +218,12 @@ def autospectrum(
     finite = longest_finite(values)
     if len(finite) < _SHORTEST_RECORD:
         return Autospectrum(np.empty(0), np.empty(0))
-    segment = min(len(finite), max(round(sample_rate / resolution_hz), _SHORTEST_RECORD))
-    spectrum = averaged_spectrum(finite, sample_rate, Segmenting(segment))
+    samples = min(len(finite), max(round(sample_rate / resolution_hz), _SHORTEST_RECORD))
+    segmenting = Segmenting(samples)
+    average = SpectrumAverage(sample_rate, segmenting)
+    for first in range(0, len(finite) - samples + 1, segmenting.step):
+        average.add_segment(np.array(finite[first : first + samples], dtype=np.float64, ndmin=2))
+    spectrum = average.result()
     return Autospectrum(spectrum.frequency_hz, spectrum.density)
 
 
@@ -234,8 +241,10 @@ def log_bands(spectrum: Autospectrum, bands: int) -> Autospectrum:
     if len(frequency) == 0:
         return spectrum
     edges = np.geomspace(frequency[0], frequency[-1] * (1 + 1e-9), bands + 1)
-    band = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, bands - 1)
-    count = np.bincount(band, minlength=bands)
+    # Few edges are sought among many frequencies: the reverse takes far longer.
+    first = np.searchsorted(frequency, edges[1:-1])
+    count = np.diff(first, prepend=0, append=len(frequency))
+    band = np.repeat(np.arange(bands), count)
     filled = count > 0
     return Autospectrum(
         np.bincount(band, frequency, bands)[filled] / count[filled],

@@ -149,9 +149,11 @@ class SpectrumPicture:
     def draw(self, whose: str, spectrum: Autospectrum, sample_rate: float) -> None:
         """Log the line of `spectrum` at the recording's current time."""
         seen = (spectrum.density > 0) & (spectrum.frequency_hz >= _LOWEST_HZ)
-        if not seen.any():
+        if not seen.all():
+            spectrum = Autospectrum(spectrum.frequency_hz[seen], spectrum.density[seen])
+        if not len(spectrum.density):
             return
-        largest = float(spectrum.density[seen].max())
+        largest = float(spectrum.density.max())
         if self._density is None or largest > self._density.high:
             self._density = decades(10 * largest, _DECADES, _LABELLED)
         highest_hz = sample_rate / 2
@@ -159,5 +161,5 @@ class SpectrumPicture:
         each = [_LOWEST_HZ * 10.0**at for at in range(count)]
         ticks = tuple((at, f"{at / 1000:.0f} kHz" if at >= 1000 else f"{at:.0f} Hz") for at in each)
         self._axes.fit(Axis(_LOWEST_HZ, highest_hz, ticks, logarithmic=True), self._density)
-        heard = log_bands(Autospectrum(spectrum.frequency_hz[seen], spectrum.density[seen]), BANDS)
+        heard = log_bands(spectrum, BANDS)
         self._axes.line(whose, heard.frequency_hz, heard.density)

@@ -5,25 +5,28 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from typing import Generic, TypeVar
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from daq.block import NS_PER_S, SampleBlock, sample_time_ns
 from daq.log.reader import Origin
 from daq.log.records import Event
-from daq.signals.envelope import envelope
+from daq.signals.envelope import Envelope, envelopes
 from daq.signals.spectrum import autospectrum
 from rig.live import paths
 from rig.live.axes import SpectrumPicture
 from rig.live.picture import Layout, OwnViews, Stage
-from rig.live.series import CycleFigurePlots, line_style
+from rig.live.series import CycleFigurePlots, line_style, scalars
 from rig.live.view import Dropped, OfThePage, Shown
 from rig.stream import Block, LastSeconds, Record, Shape
 
 Item = TypeVar("Item")
+_Kind = tuple[int, float]
+"""Samples of a block and their rate: envelopes of blocks alike are taken together."""
 
 _STEP_S = 0.3
 """Traces, beam and peaks go out together, in lots of this length: the viewer's axis ends at the newest of
@@ -157,28 +160,34 @@ class Scene:
                     )
             if self._play is not None:
                 self._play.take(record)
-        for (origin, channel), blocks in lots.items():
-            self._draw_trace(paths.trace(origin, channel), blocks)
+        self._draw_traces(lots)
 
     def _show_dropped(self, count: int) -> None:
         text = f"{count} blocks not shown: this view was too slow. The log has them all."
         status = f"{self._layout.title}\n\n{text if count else 'No block dropped.'}"
         self._recording.log(paths.STATUS, rr.TextDocument(status), static=True)
 
-    def _draw_trace(self, path: str, blocks: list[SampleBlock]) -> None:
-        """Send their envelopes together: a browser pays for every batch, whatever is in it."""
-        times, values = [], []
-        for block in blocks:
-            points = max(round(self._layout.points_per_s * len(block) / block.sample_rate), 4)
-            chosen = envelope(block.values, points)
-            times_ns = (block.first_sample + chosen.indices) * (NS_PER_S / block.sample_rate)
-            times.append(times_ns.round().astype("m8[ns]"))
-            values.append(chosen.values)
-        self._recording.send_columns(
-            path,
-            [rr.TimeColumn(paths.TIMELINE, duration=np.concatenate(times))],
-            rr.Scalars.columns(scalars=np.concatenate(values)),
-        )
+    def _draw_traces(self, lots: dict[tuple[Origin, str], list[SampleBlock]]) -> None:
+        """Send a trace's envelopes together: a browser pays for every batch, whatever is in it."""
+        alike: dict[_Kind, list[NDArray[np.floating]]] = {}
+        for block in itertools.chain(*lots.values()):
+            alike.setdefault((len(block), block.sample_rate), []).append(block.values)
+        chosen: dict[_Kind, Iterator[Envelope]] = {}
+        for (count, sample_rate), rows in alike.items():
+            points = max(round(self._layout.points_per_s * count / sample_rate), 4)
+            chosen[count, sample_rate] = iter(envelopes(rows, points))
+        for (origin, channel), blocks in lots.items():
+            times, values = [], []
+            for block in blocks:
+                drawn = next(chosen[len(block), block.sample_rate])
+                times_ns = (block.first_sample + drawn.indices) * (NS_PER_S / block.sample_rate)
+                times.append(times_ns.round().astype("m8[ns]"))
+                values.append(drawn.values)
+            self._recording.send_columns(
+                paths.trace(origin, channel),
+                [rr.TimeColumn(paths.TIMELINE, duration=np.concatenate(times))],
+                scalars(np.concatenate(values)),
+            )
 
     def _renew_spectrum(self, origin: Origin, block: SampleBlock) -> None:
         key = origin, block.channel

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.components import AggregationPolicy, MarkerShape
+from numpy.typing import NDArray
+from rerun.components import AggregationPolicy, MarkerShape, ScalarBatch
 
 from daq.block import SampleBlock
 from daq.log.reader import CYCLE_PEAK, CYCLE_RMS, Origin, derived_name
@@ -102,6 +104,15 @@ def figure_views(shown: Layout) -> list[rrb.TimeSeriesView]:
     return views
 
 
+_SCALARS = rr.Scalars.descriptor_scalars()
+
+
+def scalars(values: NDArray[np.floating]) -> list[rr.ComponentColumn]:
+    """What `rr.Scalars.columns` makes of `values`, shape (n,), in half the time."""
+    offsets = np.arange(len(values) + 1, dtype=np.int32)
+    return [rr.ComponentColumn(_SCALARS, ScalarBatch(values), offsets=offsets)]
+
+
 class CycleFigurePlots:
     """Fills those views."""
 
@@ -119,8 +130,8 @@ class CycleFigurePlots:
 
     def add(self, block: SampleBlock) -> None:
         if block.channel in self._shown:
-            values = rr.Scalars.columns(scalars=block.values)
-            self._stage.columns(paths.derived(block.channel), self._stage.times_of(block), values)
+            path = paths.derived(block.channel)
+            self._stage.columns(path, self._stage.times_of(block), scalars(block.values))
 
 
 def _series(shown: Layout, channel: str) -> list[_Series]:

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from daq.signals.envelope import envelope
+from daq.signals.envelope import envelope, envelopes
 
 SIGNALS = hnp.arrays(np.float32, st.integers(1, 3000), elements=st.floats(-1e6, 1e6, width=32))
 
@@ -28,6 +28,15 @@ def test_every_bucket_shows_its_smallest_and_largest_sample() -> None:
     for start in range(0, 1000, 50):
         bucket = values[start : start + 50]
         assert {start + int(bucket.argmin()), start + int(bucket.argmax())} <= kept
+
+
+@given(st.integers(1, 300), st.integers(4, 60))
+def test_envelopes_are_those_of_each_row(count: int, maximum_points: int) -> None:
+    rows = np.random.default_rng(1).normal(size=(3, count))
+    for values, together in zip(rows, envelopes(list(rows), maximum_points), strict=True):
+        alone = envelope(values, maximum_points)
+        assert np.array_equal(together.indices, alone.indices)
+        assert np.array_equal(together.values, alone.values)
 
 
 def test_a_short_array_comes_back_whole() -> None:

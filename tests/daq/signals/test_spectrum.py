@@ -50,6 +50,20 @@ def test_too_few_samples_give_an_empty_spectrum(values: np.ndarray) -> None:
     assert len(log_bands(autospectrum(values, RATE), 10).frequency_hz) == 0
 
 
+def test_an_autospectrum_is_the_average_over_its_segments() -> None:
+    values = np.random.default_rng(3).normal(size=2000).astype(np.float32)
+    whole = averaged_spectrum(values, 1000.0, Segmenting(500))
+    assert np.array_equal(autospectrum(values, 1000.0).density, whole.density)
+
+
+def test_each_line_counts_in_the_band_that_it_lies_in() -> None:
+    """Also where lines are missing."""
+    frequency = np.array([1.0, 2.0, 9.0, 10.0, 11.0, 90.0, 100.0])
+    bands = log_bands(Autospectrum(frequency, np.arange(7.0)), 2)  # parted just above 10 Hz
+    assert bands.frequency_hz == pytest.approx([5.5, 67.0])
+    assert bands.density == pytest.approx([1.5, 5.0])
+
+
 def test_bands_keep_a_flat_density_and_get_wider_with_frequency() -> None:
     flat = Autospectrum(np.arange(2.0, 25_601.0, 2.0), np.full(12_800, 3.0))
     bands = log_bands(flat, 200)

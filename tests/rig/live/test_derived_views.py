@@ -20,7 +20,7 @@ from rig.live.picture import Layout, Stage, layout_of
 from rig.live.rigs.impact_beam import BeamPicture
 from rig.live.rigs.planar_slider_crank import PlanarCrankPicture
 from rig.live.scene import Scene
-from rig.live.series import figure_views
+from rig.live.series import figure_views, scalars
 from rig.stream import Block
 
 START_NS = 1_790_000_000_000_000_000
@@ -90,6 +90,15 @@ def test_derived_values_are_shown_at_their_own_times_also_before_any_block_is_sh
         [0.04, 0.09, 0.14]
     )
     assert recording.times_s["/speed/measured"] == pytest.approx([0.5])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_scalars_are_the_columns_that_rerun_makes(dtype: type) -> None:
+    values = np.array([1.5, nan, -2.0], dtype)
+    (own,), (theirs,) = scalars(values), rr.Scalars.columns(scalars=values)
+    assert own.component_descriptor() == theirs.component_descriptor()
+    assert own.as_arrow_array().type == theirs.as_arrow_array().type
+    assert str(own.as_arrow_array()) == str(theirs.as_arrow_array())
 
 
 def dots(recording: KeptRecording, whose: str) -> NDArray[np.float64]:
