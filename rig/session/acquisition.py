@@ -23,8 +23,8 @@ READINGS = 2  # to a block of the record: whoever takes one pays for each, be it
 _TAKES_S, _READS_S = 0.6, 0.8
 """What comes to a reading; a block and the card's own margins (0.675 s), whose word says more. Whoever needs
 longer watches no limit."""
-LATE_S = _READS_S
-"""Nor does who looks at samples so old: each call may be quick, and still what waits in the card grow."""
+LATE_S, LATE_FOR_S = _READS_S, 1.0
+"""Nor does who looks at samples so old for so long: each call may be quick, and what waits in the card grow."""
 JOIN_S = 5.0
 """How long the end of a thread is awaited: nothing moves by then, and a driver may have no deadline."""
 _FLAG_CODES = {

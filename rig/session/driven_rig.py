@@ -34,12 +34,12 @@ from rig.files.pairing import unmeasured
 from rig.files.scenario import Limit
 from rig.instruments import actuator_of
 from rig.rigs import RIGS
-from rig.session.acquisition import JOIN_S, LATE_S, Acquisition, Reader
+from rig.session.acquisition import JOIN_S, LATE_FOR_S, LATE_S, Acquisition, Reader
 from rig.session.by_hand import ByHand, SineSeen
 from rig.session.devices import Devices, Standing
 from rig.session.drive import Motion, Shaker, drive_off_after
 from rig.session.encoder_record import ENCODER_CHANNEL, HANGS_S, EncoderRecord, encoder_channel
-from rig.session.interlock import HUNG_S, ForceWatch, LimitWatch
+from rig.session.interlock import HUNG_S, Debounced, ForceWatch, LimitWatch
 from rig.session.levels import Levels
 from rig.session.logbook import Logbook, logged_by, new_log, run_record
 from rig.session.logger_record import LoggerRecord
@@ -114,6 +114,7 @@ class DrivenRig:
         self._latching: Latching
         self._hung = ""  # who hung, said once: what comes back to life later must not go on
         self._force: ForceWatch | None = None
+        self._behind = Debounced(LATE_FOR_S)
         self._stopped_ns = 0
         self._guarded_s = math.inf  # the guard's last look, monotonic s; inf: nobody guards and nothing moves
 
@@ -551,7 +552,10 @@ class DrivenRig:
         """In the acquisition thread, which watches the guard as the guard does it."""
         if self._moves and self._unguarded:
             self.acquisition.trip("nobody guards the run")
-        if self._moves and (late_s := self.acquisition.late_s(reading)) > LATE_S:
+        late_s = self.acquisition.late_s(reading)
+        late = self._moves and late_s > LATE_S
+        lasts_s = self._behind.look(self.acquisition.base.now_s(), holds=late, gone=not late)
+        if lasts_s is not None and self.acquisition.tripped is None:
             self.acquisition.trip(f"what is measured is seen {late_s:.1f} s late")
         beyond = ""
         if self._force is not None:
