@@ -24,7 +24,7 @@ _TAKES_S, _READS_S = 0.6, 0.8
 """What comes to a reading; a block and the card's own margins (0.675 s), whose word says more. Whoever needs
 longer watches no limit."""
 LATE_S, LATE_FOR_S = _READS_S, 1.0
-"""Nor does who looks at samples so old for so long: each call may be quick, and what waits in the card grow."""
+"""Nor does who looks at samples so old for so long: calls may be quick, and what waits in the card grow."""
 JOIN_S = 5.0
 """How long the end of a thread is awaited: nothing moves by then, and a driver may have no deadline."""
 _FLAG_CODES = {
