@@ -48,14 +48,7 @@ class SampleBlock:
 
     # That of a dataclass with slots walks its fields, at both ends.
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (
-            self.channel,
-            self.first_sample,
-            self.time_ns,
-            self.sample_rate,
-            self.values,
-            self.flags,
-        )
+        return type(self), tuple(getattr(self, name) for name in self.__slots__)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -91,7 +84,7 @@ def values_of(
     return values
 
 
-def joined(blocks: Iterable[SampleBlock]) -> list[SampleBlock]:
+def merged(blocks: Iterable[SampleBlock]) -> list[SampleBlock]:
     """The same samples of one channel in as few blocks as holes and flags allow."""
     runs: list[list[SampleBlock]] = []
     for block in blocks:

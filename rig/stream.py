@@ -25,7 +25,7 @@ class Block:
     samples: SampleBlock
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.origin, self.samples)
+        return type(self), tuple(getattr(self, name) for name in self.__slots__)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,8 @@ from daq.log.records import CHECKSUM_OPCODE, ClockRecord, Event, Gap, Impact
 QUIET_S = 0.02  # nothing comes for so long once a block of every channel has
 CHUNK_S, _APART_S = 0.15, 0.09
 """A chunk ends with the first message after so long (the format has 0.25 s at most), and in quiet, though not
-sooner after the last one than that: each declares all channels anew. A crash costs what the last one holds.
+sooner than that after the last that ended by time: each declares all channels anew. A crash costs what the
+last one holds.
 """
 _CHUNK_BYTES = 1 << 20
 _NEVER_BY_ITSELF = 1 << 62
@@ -320,7 +321,7 @@ class LogWriter:
 
 
 class _Indexes:
-    """The package's list of chunk indexes, on the disk: with 64 channels an hour of them is 40 MB."""
+    """The package's list of chunk indexes, on the disk: with 64 channels an hour of them is tens of MB."""
 
     def __init__(self, folder: Path) -> None:
         self._file = TemporaryFile(dir=folder)  # noqa: SIM115 - as long as the log

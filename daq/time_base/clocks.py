@@ -22,6 +22,8 @@ _FIRST_FIT_S, _FIT_AGAIN = 1.0, 1.3
 
 _CRYSTAL = 50e-6
 """Standard deviation of one clock's rate from another's, before anything is known of them."""
+_SLEWED = 500e-6
+"""By what a time service slews a host's clock at most (adjtimex(2)): more than crystals differ by."""
 _STAMP_S = 100e-6
 """95 % half width of a card's stamp of its start in this host's time: assumed, for no maker states it."""
 _STEP_S = 1e-3
@@ -50,7 +52,13 @@ class _Fitted:
                 return False
             self._due_s = max(_FIT_AGAIN * self.last[1], self._due_s + _FIRST_FIT_S)  # thirty fits in an hour
             pairs = deepcopy(self._fit)
-        model = pairs.model()  # pairs that come meanwhile do not wait for it: a limit would be seen so late
+        try:
+            model = (
+                pairs.model()
+            )  # pairs that come meanwhile do not wait for it: a limit would be seen so late
+        except Exception:
+            self.model = None  # what is older may be wrong by now
+            raise
         self.model = model or self.model
         return model is not None
 
@@ -109,6 +117,13 @@ class CardClock:
     def uncertainty_s(self, card_s: float) -> float:
         """95 % half width of where a host time lies on the time base."""
         return float(np.hypot(self._start_uncertainty_s, 2.0 * self._host_rate()[1] * card_s))
+
+    def age_s(self, card_s: float) -> float:
+        """How long ago the card took what lies there.
+
+        Whoever reads it ever later sees another rate of its arrivals: only what clocks may differ by counts.
+        """
+        return self.now_s() / (1.0 + float(np.clip(self._host_rate()[0], -_SLEWED, _SLEWED))) - card_s
 
     @property
     def rate_ppm(self) -> float:

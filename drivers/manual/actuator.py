@@ -10,7 +10,7 @@ from contextlib import suppress
 from daq.errors import DeviceLost, InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.manual.settings import ManualSettings
 
-_CONNECT_S, _ANSWER_S = 2.0, 0.4  # an order that takes longer is no sequence's
+_ANSWER_S = 2.0
 _SAID_S = 0.5
 _LONGEST = 256  # bytes of an answer
 REST = "rest"
@@ -42,8 +42,7 @@ class ManualActuator:
             return
         host, _, port = self.settings.person.rpartition(":")
         try:
-            self._line = socket.create_connection((host, int(port)), _CONNECT_S)
-            self._line.settimeout(_ANSWER_S)
+            self._line = socket.create_connection((host, int(port)), _ANSWER_S)
         except OSError as error:
             raise InstrumentAbsent(self.name, self.address, f"{error}", "rattle emulate") from error
 

@@ -122,7 +122,7 @@ class Acquisition:
 
     def late_s(self, reading: CardReading) -> float:
         """How long ago the last sample of a reading was taken."""
-        return float(self.base.card_s(self.base.now_s())) - end_of(reading) / self._card.sample_rate
+        return self.base.age_s(end_of(reading) / self._card.sample_rate)
 
     def trip(self, passed: Passed | str) -> None:
         """In the acquisition thread: a limit was passed that ends the run."""

@@ -69,7 +69,10 @@ class Motion(Protocol):
         """Return what happened to the actuator since the last call, oldest first."""
 
     def clocks(self, base: CardClock) -> list[ClockRecord]:
-        """How an actuator that was polled since the last call lies against the run's time base."""
+        """How an actuator that was polled since the last call lies against the run's time base.
+
+        Called in a thread beside the others.
+        """
 
 
 class SwitchedOff(Protocol):
@@ -214,6 +217,7 @@ class Shaker:
             share = step / _RAMP_STEPS
             self._set_amplitude(share * self.drive.amplitude, self.drive.amplitude)
             if self.drive.offset:
+                self.wait(0.0)
                 self._set_offset(share * self.drive.offset)
             self.wait(RAMP_S / _RAMP_STEPS)  # looks at all that may end the run
         self.generator.off()

@@ -554,9 +554,9 @@ class DrivenRig:
             self.acquisition.trip("nobody guards the run")
         late_s = self.acquisition.late_s(reading)
         late = self._moves and late_s > LATE_S
-        lasts_s = self._behind.look(self.acquisition.base.now_s(), holds=late, gone=not late)
-        if lasts_s is not None and self.acquisition.tripped is None:
-            self.acquisition.trip(f"what is measured is seen {late_s:.1f} s late")
+        if self._behind.look(self.acquisition.base.now_s(), holds=late, gone=not late) is not None:
+            self._hung = self._hung or f"what is measured is seen {late_s:.1f} s late"
+            self.acquisition.alarm.set()
         beyond = ""
         if self._force is not None:
             row = self.names.index(self._force.channel.name)

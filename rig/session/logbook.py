@@ -7,7 +7,6 @@ import hashlib
 import re
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from daq.block import NS_PER_S
@@ -165,8 +164,18 @@ class Logbook:
             self.note(event)
 
     def _tell_clocks(self, at_last: bool) -> None:
-        for clocks in self.clocks:
-            for record in clocks(at_last):
+        for clocks in tuple(self.clocks):
+            try:
+                records = clocks(at_last)
+            except RecorderFailed:  # steps of a clock go to the log, too
+                raise
+            except Exception as error:  # a fault of ours; but where a clock lies moves no sample
+                self.clocks.remove(clocks)
+                told = f"how a clock lies is told no more: {type(error).__name__}: {error}"
+                self.note(Event(self._clock.unix_ns(), "warning", "rig", "clock.not_fitted", told))
+                show_fault(error)
+                continue
+            for record in records:
                 self._stream(record)
 
     def _fit_clocks(self) -> None:
@@ -175,9 +184,3 @@ class Logbook:
                 self._tell_clocks(at_last=False)
         except RecorderFailed as error:
             self._failed = error
-        except Exception as error:  # top of a thread: a clock's model only tells, and its last one stays
-            self.clocks.clear()
-            told = f"how clocks lie is told no more: {error}"
-            with suppress(RecorderFailed):  # which ends the run by itself
-                self.note(Event(self._clock.unix_ns(), "warning", "rig", "clock.not_fitted", told))
-            show_fault(error)

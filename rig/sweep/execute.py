@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from daq.block import SampleBlock, joined, values_of
+from daq.block import SampleBlock, merged, values_of
 from daq.clock import Clock
 from daq.errors import EmergencyStop, InterlockTripped, RattleError, with_notes_of
 from daq.signals.impacts import Levels
@@ -285,9 +285,11 @@ class ImpactCount:
 
     def _look_again(self) -> None:
         """Count anew in all that has come, by what its levels are up to now."""
-        self._first = {name: joined(blocks) for name, blocks in self._first.items()}
         rate, settle = next(iter(self._first.values()))[0].sample_rate, settle_s(self._cycle_hz)
         end = min(blocks[-1].end_sample for blocks in self._first.values())
+        if end <= self._seen_s * rate:
+            return
+        self._first = {name: merged(blocks) for name, blocks in self._first.items()}
         first = {
             name: values_of(each, 0, min(end, round(settle * rate))) for name, each in self._first.items()
         }

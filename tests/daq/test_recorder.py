@@ -10,20 +10,18 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 
 from daq import recorder as recorder_module
 from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.clock import SystemClock
-from daq.errors import LogError, RecorderFailed
+from daq.errors import RecorderFailed
 from daq.log import writer as writer_module
 from daq.log.reader import LogReader
 from daq.log.records import STOPPING, Event
@@ -64,15 +62,6 @@ class WriterOnFullDisk(LogWriter):
         self._file = FullDisk(self._file, self._most)  # type: ignore[assignment]
         self._writer._Writer__stream = self._file
         return self
-
-
-class StillClock(SystemClock):
-    """Its time of day is set by hand."""
-
-    now_ns = START_NS
-
-    def unix_ns(self) -> int:
-        return self.now_ns
 
 
 class StuckWriter(LogWriter):
@@ -163,32 +152,6 @@ def hand_over_until_it_fails(recorder: Recorder) -> None:
         time.sleep(1e-3)
         record_ramp(recorder, 1, begin=recorder.blocks)
         recorder.event(Event(START_NS + recorder.blocks * 10**9, "info", "rig", "x", "y"))
-
-
-def test_a_block_is_in_the_file_before_the_next_comes_and_chunks_are_few(tmp_path: Path) -> None:
-    """A crash costs what had not come yet; a chunk declares all channels anew, so not each message is one."""
-    path, clock = tmp_path / "log.mcap", StillClock()
-
-    def in_file() -> int:
-        with suppress(LogError), LogReader(path) as log:  # nothing is there yet
-            return sum(1 for _ in log.blocks())
-        return 0
-
-    with Recorder(LogWriter(path), clock) as recorder:
-        for number in range(6):
-            clock.now_ns = START_NS + number * 10**8
-            record_ramp(recorder, 1, begin=number)
-            until_s = time.monotonic() + 10.0
-            while in_file() < number + 1 and time.monotonic() < until_s:
-                time.sleep(0.01)
-            assert in_file() == number + 1
-            clock.now_ns += 5 * 10**7
-            recorder.event(Event(clock.now_ns, "info", "rig", f"x{number}", "y"))
-            time.sleep(0.1)  # it is not long since the last: this one goes with the next block
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    assert len(summary.chunk_indexes) == 7  # one a block, and the last event
 
 
 def test_nothing_comes_behind_what_a_full_queue_refused_but_what_is_missing_and_why(

@@ -150,7 +150,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked(
         read(path, scratch)
     assert pa.total_allocated_bytes() <= before  # less where something older went meanwhile
     begun = time.process_time()  # not within `bounded`, which takes ten times as long to count
-    with pytest.raises(LogError):
+    with pytest.raises(LogError, match=ODD):
         read(path, scratch)
     assert time.process_time() - begun < 5.0 * slowness()
 

@@ -159,7 +159,6 @@ def test_a_slow_stream_has_its_chunk_ended_by_age(tmp_path: Path) -> None:
         size = (tmp_path / "log.mcap").stat().st_size
         log.flush_if_older(START_NS + NS_PER_S // 10)
         assert (tmp_path / "log.mcap").stat().st_size == size
-        # 0.25 s would be over by the next look
         log.flush_if_older(START_NS + round(0.15 * NS_PER_S))
         log._file.flush()
         with LogReader(tmp_path / "log.mcap") as reader:

@@ -126,6 +126,18 @@ def test_a_stamp_of_a_time_at_which_the_card_was_not_started_is_left_out(away_s:
     assert base.uncertainty_s(0.0) == pytest.approx(0.01)
 
 
+@pytest.mark.parametrize("slower", [0.005, 0.07])
+def test_who_reads_ever_later_sees_it_although_the_clock_is_fitted_to_what_came(slower: float) -> None:
+    lab, jitter = Lab(0.0), np.random.default_rng(4)
+    for number in range(1, 601):
+        end_s = number * BLOCK_S
+        lab.clock.now_s = lab._zero_s + end_s * (1.0 + slower) + float(jitter.exponential(1e-3))
+        lab.base.arrived(round(end_s * RATE), lab.clock.now_s)
+        lab.base.refit()
+    assert abs(lab.base.rate_ppm) > 0.5e6 * slower  # which takes it for the clock's
+    assert lab.base.age_s(600 * BLOCK_S) == pytest.approx(600 * BLOCK_S * slower, abs=0.04)
+
+
 def test_news_come_ever_more_rarely() -> None:
     lab, fits = Lab(0.0), 0
     for number in range(1, 1201):

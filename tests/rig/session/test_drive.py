@@ -5,6 +5,7 @@ from __future__ import annotations
 from io import StringIO
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -58,6 +59,22 @@ def test_a_start_comes_through_the_drives_of_its_path_without_a_rest() -> None:
     assert generator.amplitudes()[31] == pytest.approx(7.2 / FORCE_PER_VOLT)
     assert generator.amplitudes()[-1] == pytest.approx(FULL_V)
     assert sum(waits) == pytest.approx(3 * RAMP_S)
+
+
+def test_somebody_looks_between_any_two_orders_on_a_way() -> None:
+    """Each answer may take half a second, and who looks at nothing for 0.6 s is taken for dead."""
+    generator, heard = RecordingGenerator(), list[int]()
+
+    def wait(seconds: float) -> None:
+        heard.append(len(generator.told))
+
+    drive = SineDrive(frequency=20.0, amplitude=9.0, offset=0.5)
+    moved, path = Shaker(generator, drive, FORCE_PER_VOLT, wait), (SineDrive(frequency=22.0, amplitude=7.2),)
+    moved.arm(soft=True, path=path)
+    moved.start(soft=True, path=path)
+    wait(0.0)
+    moved.ramp_down()
+    assert max(np.diff([*heard, len(generator.told) - 1])) == 1  # the last is off
 
 
 def test_a_start_from_rest_is_armed_at_the_full_amplitude_and_triggered() -> None:

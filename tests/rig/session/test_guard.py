@@ -261,7 +261,7 @@ def test_an_acquisition_that_falls_behind_is_switched_off(
         monkeypatch.setattr(bench.card, "read", slow)
         rig.watch.wait(5.0)
 
-    ended(bench, InterlockTripped, r"what is measured is seen [12]\.\d s late", during)
+    ended(bench, Hung, r"what is measured is seen [12]\.\d s late", during)
 
 
 def hanging(read: Callable[[int], CardReading], goes_on: threading.Event) -> Callable[[int], CardReading]:

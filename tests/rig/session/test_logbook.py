@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -65,48 +64,71 @@ def test_the_folder_of_a_log_is_on_the_disk_before_the_log(
         new_log(tmp_path / "lab" / "runs", "beam", SteppedClock())
 
 
-def test_who_looks_waits_for_no_fit_and_one_that_fails_ends_no_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_who_looks_waits_for_no_fit(tmp_path: Path) -> None:
     """A sequence that waited for it would be taken for dead, and its run would end."""
-    begun, go_on = threading.Event(), threading.Event()
+    begun, go_on, let_go = threading.Event(), threading.Event(), list[bool]()
 
     def fitting(at_last: bool) -> list[ClockRecord]:
         begun.set()
-        go_on.wait(10.0)
-        raise ValueError("no line through it")
+        let_go.append(go_on.wait(10.0))
+        return []
 
-    clock, path = RunClock(SystemClock()), tmp_path / "log.mcap"
-    with Recorder(LogWriter(path), clock) as recorder:
+    clock = RunClock(SystemClock())
+    with Recorder(LogWriter(tmp_path / "log.mcap"), clock) as recorder:
         logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
         logbook.clocks.append(fitting)
         with logbook:
             assert begun.wait(10.0)
             logbook.look()
-            assert not go_on.is_set()
             go_on.set()
+    assert all(let_go)
+
+
+@pytest.mark.parametrize("at_its_end", [False, True])
+def test_a_fit_that_fails_ends_no_run_and_no_other_clock(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], at_its_end: bool
+) -> None:
+    told = threading.Event()
+
+    def failing(at_last: bool) -> list[ClockRecord]:
+        if at_last == at_its_end:
+            raise ValueError("no line through it")
+        return []
+
+    def other(at_last: bool) -> list[ClockRecord]:
+        told.set()
+        return [ClockRecord(0, "other", 0.0, 0.0, 0.0)] if at_last else []
+
+    clock, path = RunClock(SystemClock()), tmp_path / "log.mcap"
+    with Recorder(LogWriter(path), clock) as recorder:
+        logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
+        logbook.clocks += [failing, other]
+        with logbook:
+            assert told.wait(10.0)
+            logbook.look()
     with LogReader(path) as log:
-        assert [event.text for event in log.events()] == [
-            "how clocks lie is told no more: no line through it"
-        ]
+        (event,) = log.events()
+        assert [clock.device for clock in log.clocks()] == ["other"]
+    assert event.code == "clock.not_fitted"
+    assert event.text == "how a clock lies is told no more: ValueError: no line through it"
     assert "ValueError: no line through it" in capsys.readouterr().err
 
 
 def test_a_log_that_fails_while_clocks_are_told_ends_the_run(tmp_path: Path) -> None:
+    failed = threading.Event()
+
     def fitting(at_last: bool) -> list[ClockRecord]:
         if at_last:
             return []
+        failed.set()
         raise RecorderFailed("the disk is slower than the data")
 
     clock = RunClock(SystemClock())
     with Recorder(LogWriter(tmp_path / "log.mcap"), clock) as recorder:
         logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
         logbook.clocks.append(fitting)
-        with logbook, pytest.raises(RecorderFailed, match="slower than the data"):
-            look_on(logbook)
-
-
-def look_on(logbook: Logbook) -> None:
-    for _ in range(1000):
-        logbook.look()
-        time.sleep(0.01)
+        with logbook:
+            assert failed.wait(10.0)
+            logbook._thread.join(10.0)
+            with pytest.raises(RecorderFailed, match="slower than the data"):
+                logbook.look()
