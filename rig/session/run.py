@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 from daq.block import sample_time_ns
 from daq.channel import Channel
 from daq.clock import Clock
+from daq.errors import RecorderFailed
 from daq.log.reader import Origin
 from daq.log.records import RECORD_END, RECORD_START
 from daq.quantity import settings_of
@@ -105,18 +106,22 @@ class Sequence:
             shown = rig.screen.bar(
                 "recording", counted.wanted, IMPACTS, beside=beside, longest_s=wanted.duration
             )
-        with shown as bar:
-            if pre_trigger:
-                self._until(begin + pre_trigger)
-                self._start()
-            rig.watch.until(
-                rig.acquisition,
-                lambda: rig.recorded,
-                lambda: bar(self._since(begin) if counted is None else counted.so_far),
-            )
-        end = rig.acquisition.record_until or begin + count
-        short = end != begin + count
-        rig.logbook.tell("info", RECORD_END, f"{RECORDED} until it was enough" if short else RECORDED)
+        try:
+            with shown as bar:
+                if pre_trigger:
+                    self._until(begin + pre_trigger)
+                    self._start()
+                rig.watch.until(
+                    rig.acquisition,
+                    lambda: rig.recorded,
+                    lambda: bar(self._since(begin) if counted is None else counted.so_far),
+                )
+        finally:  # what ends a run may come just as its record has ended
+            end = rig.acquisition.record_until or begin + count
+            text = RECORDED if end == begin + count else f"{RECORDED} until it was enough"
+            if rig.recorded:
+                with suppress(RecorderFailed):  # which ends the run by itself
+                    rig.logbook.tell("info", RECORD_END, text)
         rig.end_record()
         rig.ramp_down()
         return (end - begin) / rig.sample_rate
