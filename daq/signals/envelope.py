@@ -26,7 +26,7 @@ def envelope(values: NDArray[np.floating], maximum_points: int) -> Envelope:
 
 
 def envelopes(rows: Sequence[NDArray[np.floating]], maximum_points: int) -> list[Envelope]:
-    """The `envelope` of each of `rows`, all of shape (n,); together they take about half the time."""
+    """The `envelope` of each of `rows`, all of shape (n,); together they take less time."""
     count = len(rows[0])
     if count <= maximum_points:
         return [Envelope(np.arange(count), values) for values in rows]

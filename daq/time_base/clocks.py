@@ -52,10 +52,8 @@ class _Fitted:
                 return False
             self._due_s = max(_FIT_AGAIN * self.last[1], self._due_s + _FIRST_FIT_S)  # thirty fits in an hour
             pairs = deepcopy(self._fit)
-        try:
-            model = (
-                pairs.model()
-            )  # pairs that come meanwhile do not wait for it: a limit would be seen so late
+        try:  # without the lock: pairs that come meanwhile do not wait, or a limit would be seen so late
+            model = pairs.model()
         except Exception:
             self.model = None  # what is older may be wrong by now
             raise

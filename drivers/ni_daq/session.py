@@ -134,8 +134,8 @@ def split_address(address: str) -> tuple[str, int]:
 
 @cache
 def copy_at_once() -> None:
-    """Have nidaqmx copy a whole reading at once: element by element takes it 20 times as long."""
-    from nidaqmx import _grpc_interpreter  # 0.2 s to import, for those with a device server only
+    """Have nidaqmx copy a whole reading at once, not element by element."""
+    from nidaqmx import _grpc_interpreter  # slow to import, for those with a device server only
 
     names = vars(_grpc_interpreter)
     by_element = names.get("_assign_numpy_array")

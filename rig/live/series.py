@@ -108,7 +108,7 @@ _SCALARS = rr.Scalars.descriptor_scalars()
 
 
 def scalars(values: NDArray[np.floating]) -> list[rr.ComponentColumn]:
-    """What `rr.Scalars.columns` makes of `values`, shape (n,), in half the time."""
+    """What `rr.Scalars.columns` makes of `values`, shape (n,), with fewer steps."""
     offsets = np.arange(len(values) + 1, dtype=np.int32)
     return [rr.ComponentColumn(_SCALARS, ScalarBatch(values), offsets=offsets)]
 

@@ -105,9 +105,9 @@ class Logbook:
     """Writes what is told, and once a second what `events` and `clocks` have to say.
 
     `events` gives what devices did since it was last asked, `clocks(at_last)` records where there is news: in
-    a thread, for a fit may take half a second where much else runs, and a sequence that looks at nothing for
-    so long is taken for dead. What is no mere information also goes to the screen. Leaving its context writes
-    what is left; a log that takes nothing more is then no second error.
+    a thread, for beside much else a fit may take many times as long, and a sequence that looks at nothing
+    meanwhile is taken for dead. What is no mere information also goes to the screen. Leaving its context
+    writes what is left; a log that takes nothing more is then no second error.
     """
 
     def __init__(self, clock: RunClock, stream: Stream, screen: Screen) -> None:

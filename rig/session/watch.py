@@ -77,7 +77,7 @@ class Watch:
         self.check()
 
     def meanwhile(self, acquisition: Acquisition, compute: Callable[[], _T]) -> _T:
-        """What `compute` gives or raises, in a thread: where much else runs 50 ms may take a second."""
+        """What `compute` gives or raises, in a thread: beside much else it may take many times as long."""
         found: Future[_T] = Future()
 
         def run() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -64,6 +66,17 @@ def test_the_folder_of_a_log_is_on_the_disk_before_the_log(
         new_log(tmp_path / "lab" / "runs", "beam", SteppedClock())
 
 
+@contextmanager
+def kept(path: Path, *clocks: Callable[[bool], list[ClockRecord]]) -> Iterator[Logbook]:
+    """A logbook that tells of these clocks, into a log."""
+    clock = RunClock(SystemClock())
+    with Recorder(LogWriter(path), clock) as recorder:
+        logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
+        logbook.clocks += clocks
+        with logbook:
+            yield logbook
+
+
 def test_who_looks_waits_for_no_fit(tmp_path: Path) -> None:
     """A sequence that waited for it would be taken for dead, and its run would end."""
     begun, go_on, let_go = threading.Event(), threading.Event(), list[bool]()
@@ -73,14 +86,10 @@ def test_who_looks_waits_for_no_fit(tmp_path: Path) -> None:
         let_go.append(go_on.wait(10.0))
         return []
 
-    clock = RunClock(SystemClock())
-    with Recorder(LogWriter(tmp_path / "log.mcap"), clock) as recorder:
-        logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
-        logbook.clocks.append(fitting)
-        with logbook:
-            assert begun.wait(10.0)
-            logbook.look()
-            go_on.set()
+    with kept(tmp_path / "log.mcap", fitting) as logbook:
+        assert begun.wait(10.0)
+        logbook.look()
+        go_on.set()
     assert all(let_go)
 
 
@@ -99,13 +108,10 @@ def test_a_fit_that_fails_ends_no_run_and_no_other_clock(
         told.set()
         return [ClockRecord(0, "other", 0.0, 0.0, 0.0)] if at_last else []
 
-    clock, path = RunClock(SystemClock()), tmp_path / "log.mcap"
-    with Recorder(LogWriter(path), clock) as recorder:
-        logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
-        logbook.clocks += [failing, other]
-        with logbook:
-            assert told.wait(10.0)
-            logbook.look()
+    path = tmp_path / "log.mcap"
+    with kept(path, failing, other) as logbook:
+        assert told.wait(10.0)
+        logbook.look()
     with LogReader(path) as log:
         (event,) = log.events()
         assert [clock.device for clock in log.clocks()] == ["other"]
@@ -123,12 +129,8 @@ def test_a_log_that_fails_while_clocks_are_told_ends_the_run(tmp_path: Path) -> 
         failed.set()
         raise RecorderFailed("the disk is slower than the data")
 
-    clock = RunClock(SystemClock())
-    with Recorder(LogWriter(tmp_path / "log.mcap"), clock) as recorder:
-        logbook = Logbook(clock, Stream([logged_by(recorder)]), silent_screen())
-        logbook.clocks.append(fitting)
-        with logbook:
-            assert failed.wait(10.0)
-            logbook._thread.join(10.0)
-            with pytest.raises(RecorderFailed, match="slower than the data"):
-                logbook.look()
+    with kept(tmp_path / "log.mcap", fitting) as logbook:
+        assert failed.wait(10.0)
+        logbook._thread.join(10.0)
+        with pytest.raises(RecorderFailed, match="slower than the data"):
+            logbook.look()
