@@ -297,7 +297,7 @@ async def _exchanges(data: bytes) -> None:
 
 
 def _modbus(data: bytes) -> None:
-    asyncio.run(asyncio.wait_for(_exchanges(data), 1.0))  # nothing in it waits
+    asyncio.run(asyncio.wait_for(_exchanges(data), 60.0))  # nothing in it waits: none hangs
 
 
 _ENCODER = EncoderSettings(node=7, interface="socketcand", timeout_s=1e-9)
