@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from daq.signals.running_figures import warm_up
+from daq.signals import even_angles, running_figures
 from rig.files.scenario import load_scenario
 from rig.twin.scenario_twin import twin_of
 from sim_twin.ensembles.clean_samples import clean_samples
@@ -30,7 +30,8 @@ def precompile(scenario: Path) -> None:
     variants = [Variant(twin, start) for start in _STARTS_RAD]
     clean_samples(variants, rate, _SAMPLES / rate, _SAMPLES, oversampling(rate))
     model.solver_values(twin, _SAMPLES / rate, _SAMPLES / rate)
-    warm_up()
+    running_figures.warm_up()
+    even_angles.warm_up()
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
@@ -31,8 +32,6 @@ _STEPS = 1024
 """Entries of the table from zero to zero: between them a straight line is right to 4e-7."""
 _WINDOW = np.kaiser(2 * _LOBES * _STEPS + 1, _BETA)[_LOBES * _STEPS :]
 _KERNEL = np.append(np.sinc(np.arange(_LOBES * _STEPS) / _STEPS) * _WINDOW[:-1], [0.0, 0.0])
-_AT_ONCE = 8192
-"""Outputs worked on together: their rows stay in the processor's cache."""
 _LONGEST_STRETCH = 32.0
 """Below 1/32 of the input's rate the filter against aliases widens no further, so that memory is bounded."""
 _LARGEST_STEP = 0.5
@@ -163,6 +162,12 @@ class AngleSampler:
         return found
 
 
+def warm_up() -> None:
+    """Compile what `AngleSampler` needs, ahead of its first block."""
+    _between(np.zeros((1, 1)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+
+
+@njit(cache=True, nogil=True)
 def _between(
     values: NDArray[np.float64],
     base: NDArray[np.int64],
@@ -175,21 +180,26 @@ def _between(
     more) times as long as between samples. Each output depends on its own samples alone, to the bit. It is
     NaN if one of them is; samples before the first and after the last are taken for the first and the last.
     """
-    found = np.empty((len(values), len(base)))
-    for first in range(0, len(base), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
-        reach = int(np.ceil(_LOBES * stretch[part].max()))
-        total = np.zeros(len(base[part]))
-        weighted = np.zeros((len(values), len(total)))
+    channels, last = len(values), values.shape[1] - 1
+    found = np.empty((channels, len(base)))
+    weighted = np.empty(channels)
+    for output in range(len(base)):
+        reach = int(np.ceil(_LOBES * stretch[output]))
+        total = 0.0
+        weighted[:] = 0.0
         for tap in range(-reach, reach + 2):
-            place = np.minimum(np.abs((tap - fraction[part]) / stretch[part]) * _STEPS, _LOBES * _STEPS)
-            entry = place.astype(np.intp)
+            place = abs((tap - fraction[output]) / stretch[output]) * _STEPS
+            if place >= _LOBES * _STEPS:
+                continue
+            entry = int(place)
             weight = _KERNEL[entry] + (place - entry) * (_KERNEL[entry + 1] - _KERNEL[entry])
+            if weight == 0.0:  # not times zero: a sample out of reach may be NaN
+                continue
             total += weight
-            taken = values[:, np.clip(base[part] + tap, 0, values.shape[1] - 1)]
-            # Not times zero: a sample out of reach may be NaN.
-            weighted += np.multiply(weight, taken, out=np.zeros_like(taken), where=weight != 0)
-        found[:, part] = weighted / total
+            taken = min(max(base[output] + tap, 0), last)
+            for channel in range(channels):
+                weighted[channel] += weight * values[channel, taken]
+        found[:, output] = weighted / total
     return found
 
 

@@ -161,6 +161,12 @@ class NiDaqCard:
             with self._translated(f"stopping {_label(counter)}"):
                 counter.stop()
 
+    def available(self) -> int:
+        """How many samples of every channel wait to be read; see `AcquisitionCard.available`."""
+        analog = self._opened()
+        with self._translated("asking how many samples wait"):
+            return int(analog.stream.avail_samp_per_chan)
+
     def read(self, count: int) -> CardReading:
         """Wait for the next `count` samples of every channel; see `AcquisitionCard.read`.
 

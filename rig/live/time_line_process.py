@@ -29,8 +29,6 @@ from rig.live.view import LAST_WORDS_S, Shown
 
 _HOST = "127.0.0.1"
 _START_TIMEOUT_S = 15.0
-_NICE = 10
-"""It can wait: acquisition, twin and the operator's page, which share the processor with it, cannot."""
 _PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
@@ -110,7 +108,6 @@ def serve(pipe: Connection, records: Connection, patience_s: float, memory_limit
 
     The first answer on `pipe` is Rerun's two addresses and the server's process.
     """
-    os.nice(_NICE)
     try:
         with ViewerServer(memory_limit) as server:
             url = f"http://{_HOST}:{server.web_port}/?url={quote(server.sink_url, safe='')}"
