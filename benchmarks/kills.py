@@ -11,7 +11,7 @@ busy for the emulated line, is tried again, and told: one in twenty at most.
 Returns 1 if more than half a second is lost; raises LogError where a log cannot be recovered, or a sample is
 unaccounted for.
 
-Usage: python -m benchmarks.kills [kills] [--seed N] [--beside N]
+Usage: python -m benchmarks.kills [kills] [--seed N]
 """
 
 from __future__ import annotations
@@ -23,9 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -204,28 +202,24 @@ def lost_by(number: int, seed: int) -> Lost:
     raise EndedBefore(f"{rig}: {MOST_TRIES} runs one after the other")
 
 
-def worst_lost(kills: int, seed: int, beside: int = 1) -> Iterator[Lost]:
-    """Of so many kills, `beside` at a time; raises EndedBefore where too many runs end before."""
+def worst_lost(kills: int, seed: int) -> Iterator[Lost]:
+    """Of so many kills, one after the other; raises EndedBefore where too many runs end before."""
     before = 0
-    with ThreadPoolExecutor(beside) as pool:
-        for lost in pool.map(partial(lost_by, seed=seed), range(kills)):
-            before += lost.before
-            if before > max(1.0, MOST_BEFORE * kills):
-                pool.shutdown(cancel_futures=True)
-                raise EndedBefore(f"{before} of {kills} runs")
-            yield lost
+    for number in range(kills):
+        lost = lost_by(number, seed)
+        before += lost.before
+        if before > max(1.0, MOST_BEFORE * kills):
+            raise EndedBefore(f"{before} of {kills} runs")
+        yield lost
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("kills", nargs="?", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--beside", type=int, default=1, help="kills at a time; each is a busy neighbour then"
-    )
     arguments = parser.parse_args()
     lost, before = list[float](), 0
-    for number, each in enumerate(worst_lost(arguments.kills, arguments.seed, arguments.beside)):
+    for number, each in enumerate(worst_lost(arguments.kills, arguments.seed)):
         before += each.before
         told = "no record was begun"
         if each.seconds is not None:

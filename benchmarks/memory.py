@@ -197,9 +197,6 @@ class _FastCard:
     def started_s(self) -> float | None:
         return None
 
-    def available(self) -> int:
-        return 0
-
     def read(self, count: int) -> CardReading:
         first, self._next = self._next, self._next + count
         self._look(first / RATE)

@@ -149,6 +149,27 @@ def begin_as_child(grace_s: float | None = 0.0) -> None:
     threading.Thread(target=watch, name="parent watch", daemon=True).start()
 
 
+_TRIES, _BETWEEN_TRIES_S = 5, 0.15
+
+
+def give_way(nice: int) -> None:
+    """Let others compute first where there are more to compute than cores.
+
+    Linux may share the processor between sessions first, each with a value of its own: sched(7), "The
+    autogroup feature". One may be set in 0.1 s, by whomever.
+    """
+    os.nice(nice)
+    for _ in range(_TRIES):
+        try:
+            Path("/proc/self/autogroup").write_text(str(nice))
+        except BlockingIOError:
+            time.sleep(_BETWEEN_TRIES_S)
+        except OSError:  # it does not
+            return
+        else:
+            return
+
+
 _ARENA_MAX: Final = -8
 """Of mallopt(3)."""
 

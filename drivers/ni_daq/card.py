@@ -31,6 +31,9 @@ LARGEST_RATE_ERROR = 0.01  # of the rate asked for: beyond it the run is refused
 WAIT_MARGIN_S = 0.4
 """How much later than its last sample a block may come: a chassis hands on what it has every few ms, over USB
 or a network, and a run bears no half second in which nobody was let run either."""
+MOST_AT_ONCE = 4
+"""Blocks that one call brings: where many threads share two cores it takes as long as a block lasts, however
+few samples it is for."""
 _STATUS = {
     "overloaded_chans": Flag.OVERLOAD,
     "open_chans": Flag.OPEN_SENSOR,
@@ -71,6 +74,9 @@ class NiDaqCard:
         self._armed = self._stamps = False  # committed but not started; whether the device stamps its start
         self._watch = QualityWatch((), 0.0)
         self._next_sample = 0
+        self._fetched = np.empty((len(self.channels), 0))  # read from the device and not handed out yet
+        self._arrived_s = self._least_lag_s = 0.0
+        self._reported: list[tuple[str, int]] = []  # what the device said of them, by row
         self._asked = list(_STATUS)
         self._readings = 0
         self._unlocked: tuple[int, ...] = ()  # rows whose clock was not locked when last asked about
@@ -132,6 +138,7 @@ class NiDaqCard:
             analog.commit()
         self._watch = QualityWatch(self.settings.channels, self.sample_rate)
         self._next_sample = self._readings = 0
+        self._fetched = self._fetched[:, :0]
         self._armed = True
 
     def start(self) -> None:
@@ -142,6 +149,7 @@ class NiDaqCard:
         self._armed = False
         with self._translated("starting"):
             analog.start()
+        self._least_lag_s = self._clock.monotonic_s()
 
     def started_s(self) -> float | None:
         """When sample 0 was taken, by the device's own stamp; see `AcquisitionCard.started_s`."""
@@ -161,26 +169,41 @@ class NiDaqCard:
             with self._translated(f"stopping {_label(counter)}"):
                 counter.stop()
 
-    def available(self) -> int:
-        """How many samples of every channel wait to be read; see `AcquisitionCard.available`."""
-        analog = self._opened()
-        with self._translated("asking how many samples wait"):
-            return int(analog.stream.avail_samp_per_chan)
-
     def read(self, count: int) -> CardReading:
         """Wait for the next `count` samples of every channel; see `AcquisitionCard.read`.
 
         The device's status covers what it took since it was last asked, which may be a little more than the
-        block, and of its clock four readings; what the values themselves tell marks their own block.
+        block, and of its clock four readings; what the values themselves tell marks their own block. Where
+        samples have piled up in the device, one call brings several blocks, handed out one by one, and its
+        status comes with the newest.
         """
-        analog, first = self._opened(), self._next_sample
+        if self._fetched.shape[1] < count:
+            self._fetch(count)
+        first, values = self._next_sample, self._fetched[:, :count]
+        self._next_sample, self._fetched = first + count, self._fetched[:, count:]
+        flags = self._watch.flags(values)
+        faults: list[Finding] = []
+        if not self._fetched.shape[1]:
+            for attribute, row in self._reported:
+                flags[row] |= _STATUS[attribute]
+                if attribute in _FAULTS:
+                    faults.append(Finding(self.channels[row].name, "supply", _FAULTS[attribute]))
+        return CardReading(first, values, tuple(flags), self._arrived_s, self._watch.findings(values, faults))
+
+    def _fetch(self, count: int) -> None:
+        """Bring the next `count` samples, or a few times as many, and what the device says of them."""
+        analog, kept = self._opened(), self._fetched
+        first = self._next_sample + kept.shape[1]
+        blocks = self._piled_up(analog, first, count)
+        wait_s = WAIT_MARGIN_S + (count / self.sample_rate if blocks == 1 else 0.0)
+        count *= blocks
         doing = f"reading samples {first} to {first + count}"
         values = np.empty((len(self.channels), count))
         with self._translated(doing):
-            samples = analog.read(count, count / self.sample_rate + WAIT_MARGIN_S)
+            samples = analog.read(count, wait_s)
             # Before anything is made of them: this is what the card's clock is fitted to.
-            arrived_s = self._clock.monotonic_s()
-            reported = self._reported(analog.stream)
+            self._arrived_s = self._clock.monotonic_s()
+            self._reported = self._status(analog.stream)
         # Rows come in the order of the channels in the bench file, whatever inputs and counters they are on.
         values[self._analog_rows] = self._whole(samples, count, doing)
         for counter in self._counters:
@@ -189,14 +212,19 @@ class NiDaqCard:
                 # The clock has sampled them already; all that is left to wait for is their way here.
                 counted = counter.read(count, WAIT_MARGIN_S)
             values[self._rows[counter.channel.physical]] = self._whole(counted, count, doing_so)
-        self._next_sample = first + count
-        flags = self._watch.flags(values)
-        faults: list[Finding] = []
-        for attribute, row in reported:
-            flags[row] |= _STATUS[attribute]
-            if attribute in _FAULTS:
-                faults.append(Finding(self.channels[row].name, "supply", _FAULTS[attribute]))
-        return CardReading(first, values, tuple(flags), arrived_s, self._watch.findings(values, faults))
+        self._fetched = np.concatenate((kept, values), axis=1) if kept.size else values
+
+    def _piled_up(self, analog: AnalogTask, first: int, count: int) -> int:
+        """How many blocks of `count` samples to read from `first` on: one, or those that wait in the device."""
+        lag_s = self._clock.monotonic_s() - first / self.sample_rate
+        self._least_lag_s = min(self._least_lag_s, lag_s)
+        if lag_s - self._least_lag_s < 2 * count / self.sample_rate:
+            return 1
+        with self._translated("asking how many samples wait"):
+            blocks = analog.waiting() // count
+        if blocks < 2:
+            self._least_lag_s = lag_s  # it is the clocks that differ
+        return min(max(blocks, 1), MOST_AT_ONCE)
 
     def _whole(self, values: NDArray[np.float64], count: int, doing: str) -> NDArray[np.float64]:
         came = values.shape[-1]
@@ -267,7 +295,7 @@ class NiDaqCard:
             "rate",
         )
 
-    def _reported(self, stream: Any) -> list[tuple[str, int]]:
+    def _status(self, stream: Any) -> list[tuple[str, int]]:
         """What the device says of its channels, each with its row; of its clock, its last word."""
         reported: list[tuple[str, int]] = []
         for attribute in list(self._asked):

@@ -95,10 +95,14 @@ class AnalogTask:
         """Give the inputs back; silent where the device is gone."""
         give_back(self._task)
 
+    def waiting(self) -> int:
+        """Samples of each channel that are in the driver's buffer."""
+        return int(self._task.in_stream.avail_samp_per_chan)
+
     def read(self, count: int, timeout_s: float) -> NDArray[np.float64]:
         """Return the next samples in the channels' units, shape (channels, n); n < `count` if fewer came."""
         if self._raw.shape[1] != count:
-            # Kept from read to read: a block is as long as the one before.
+            # Kept from read to read: a block is nearly always as long as the one before.
             self._raw = np.empty((len(self._raw), count))
         came = self._reader.read_many_sample(self._raw, count, timeout_s)
         values: NDArray[np.float64] = self._raw[:, :came] * self._scales

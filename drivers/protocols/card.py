@@ -82,9 +82,6 @@ class AcquisitionCard(Protocol):
         None for a device that does not tell.
         """
 
-    def available(self) -> int:
-        """How many samples of every channel wait to be read; raises as `read` does, and takes a call."""
-
     def read(self, count: int) -> CardReading:
         """Wait for the next `count` samples of every channel.
 

@@ -187,7 +187,7 @@ class CrankPlay:
 
     def open(self) -> None:
         if self._orders:
-            warm_up()  # before samples come
+            warm_up()  # not while the first turns are drawn
         self._mechanism.open()
         self._joints.open()
         self._speed.open()

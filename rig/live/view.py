@@ -37,7 +37,6 @@ _PATIENCE_S = 0.7
 """The page is at most that far behind the newest sample, and what it takes to draw it."""
 _PERIOD_S = 0.05
 """Records leave in batches: one wake-up of the thread in 50 ms, not one a block, and no eye sees 50 ms."""
-_PAGE_NICE, _TIME_LINE_NICE = 5, 19
 
 
 class Dropped(NamedTuple):
@@ -326,7 +325,7 @@ class LiveView:
 
 
 def _page(pipe: Connection, onward: Connection, complaints: str, page_port: int) -> None:
-    _apart(complaints, _PAGE_NICE)
+    _apart(complaints)
     from rig.live.page_process import tell_page
 
     tell_page(pipe, onward, page_port)
@@ -335,19 +334,15 @@ def _page(pipe: Connection, onward: Connection, complaints: str, page_port: int)
 def _time_line(
     pipe: Connection, records: Connection, complaints: str, patience_s: float, memory_limit: str
 ) -> None:
-    _apart(complaints, _TIME_LINE_NICE)
+    _apart(complaints)
     from rig.live.time_line_process import serve
 
     serve(pipe, records, patience_s, memory_limit)
 
 
-def _apart(complaints: str, nice: int) -> None:
-    """In a session of its own, and what is printed goes to a file: neither is the terminal's.
-
-    Where there are more to compute than cores, who shows samples waits, and not who takes them.
-    """
+def _apart(complaints: str) -> None:
+    """In a session of its own, and what is printed goes to a file: neither is the terminal's."""
     os.setsid()
-    os.nice(nice)
     with open(complaints, "ab") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)

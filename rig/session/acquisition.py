@@ -20,9 +20,6 @@ from rig.stream import Block, Stream
 
 READING_S = 0.075  # a limit is seen within a reading and off within 0.15 s; a call's cost is small against it
 READINGS = 2  # to a block of the record: whoever takes one pays for each, be it as long as it will
-_PILED_S, _MOST_READINGS = 2 * READING_S, 4
-"""From when on what waits in the card is read at once, and how many readings of it: where many threads share
-two cores, a call takes as long as a reading lasts, however few samples it is for."""
 _TAKES_S, _READS_S = 0.6, 0.8
 """What comes to a reading; a block and the card's own margins (0.675 s), whose word says more. Whoever needs
 longer watches no limit."""
@@ -50,7 +47,7 @@ class Acquisition:
     The card's sample clock is the time base, `base`. Whoever waits for progress waits on `changed`, a
     condition that every block notifies. The first error of its thread ends it and stands in `error`.
     A reading goes to the limits first, then to `guard`, then to the record, which is handed to `stream` in
-    blocks of two readings, or what was read at once, with the same flags, then to `readers`.
+    blocks of two readings with the same flags, then to `readers`.
     `warn` hears of the first warning of each channel, and must not wait; the events tell of all.
     """
 
@@ -90,7 +87,6 @@ class Acquisition:
         self._due_s = math.inf  # by when its thread is to have done what it is at; the guard's thread looks
         self.overloads = dict.fromkeys(self._names, 0)
         self.turned_off = dict[str, float]()  # of each angle, rad: set by the first reading of the record
-        self._seen_late_s = 0.0  # of the reading before
         self._held = list[CardReading]()  # what the next block of the record is made of
         self._held_from = 0, 0  # where that record began, and which of its samples the block begins with
 
@@ -158,10 +154,9 @@ class Acquisition:
             try:
                 while not self._stop.is_set():
                     self._due_s = self._clock.monotonic_s() + _READS_S
-                    reading = self._card.read(self._next_count())
+                    reading = self._card.read(self._count)
                     self._due_s = self._clock.monotonic_s() + _TAKES_S
                     self.base.arrived(end_of(reading), reading.arrived_s)
-                    self._seen_late_s = self.late_s(reading)
                     for take in self._readers:  # limits first, for whoever comes after may be slow
                         take(reading)
                     with self.changed:
@@ -179,13 +174,6 @@ class Acquisition:
             self.changed.notify_all()
         if isinstance(self.error, AcquisitionFault):
             show_fault(self.error.__cause__)
-
-    def _next_count(self) -> int:
-        """How many samples to read: a reading, or those that have piled up in the card."""
-        if self._seen_late_s < _PILED_S:
-            return self._count
-        readings = self._card.available() // self._count
-        return self._count * min(max(readings, 1), _MOST_READINGS)
 
     def _watch_limits(self, reading: CardReading) -> None:
         rows = dict(zip(self._names, reading.values, strict=True))
@@ -230,8 +218,7 @@ class Acquisition:
                     begun = float(row[0]) if np.isfinite(row[0]) else 0.0
                     self.turned_off[name] = math.tau * math.floor(begun / math.tau)
         self._held.append(part)
-        held = sum(each.values.shape[1] for each in self._held)
-        if held >= READINGS * self._count or reading.first_sample + high == until:
+        if len(self._held) == READINGS or reading.first_sample + high == until:
             self._hand_on()
 
     def _hand_on(self) -> None:

@@ -195,6 +195,21 @@ def left_of_it(every_s: float | None) -> float:
     return float(left / taken)
 
 
+def test_who_gives_way_does_so_with_its_session() -> None:
+    """Where sessions share the processor first, its own value weighs only against its neighbours there."""
+    session = Path("/proc/self/autogroup")
+    code = f"""import os
+from daq.process import give_way
+os.setsid()
+give_way(7)
+print(os.nice(0), open({str(session)!r}).read() if {session.exists()} else 'nice 7')"""
+    said = subprocess.run(  # noqa: S603 - our own
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert int(said.split()[0]) == min(os.nice(0) + 7, 19)
+    assert said.strip().endswith("nice 7")
+
+
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="of glibc alone")
 def test_what_is_freed_between_what_stays_is_given_back() -> None:
     assert left_of_it(None) > 0.5  # glibc keeps it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +25,7 @@ from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.servicer import CardServicer
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Wire
 from drivers.ni_daq.sensors import COUNTER_STATES, MarkPulses, UnwrappedCount
+from drivers.ni_daq.tasks import AnalogTask
 from rig.files.scenario import AcquisitionSection
 from sim_twin.rigs.crank_drive import SpeedDrive
 from tests.drivers.in_process import BUFFER_S, RowsPlant, opened, served
@@ -66,6 +68,37 @@ def test_angle_is_the_plants_to_a_count_and_on_the_analog_samples(rpm: float) ->
     # Whole counts times one factor: equal up to the last place of a double.
     assert values[0] == pytest.approx(counted(rows["angle"][:20480]), rel=1e-14, abs=1e-12)
     assert 0.0 <= abs(values[0, 0]) < math.tau
+
+
+def test_what_has_piled_up_comes_with_one_call_and_block_by_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call takes its time, however few samples it is for: who fell behind would never catch up."""
+    rows, fetched, whole = turning(20.0), list[int](), AnalogTask.read
+
+    def read(task: AnalogTask, count: int, timeout_s: float) -> NDArray[np.float64]:
+        fetched.append(count)
+        return whole(task, count, timeout_s)
+
+    monkeypatch.setattr(AnalogTask, "read", read)
+    with opened(RowsPlant(rows), wiring(), ENCODER, ANALOG) as card:
+        readings = [card.read(1280)]
+        time.sleep(0.55)  # 11 blocks
+        readings += [card.read(1280) for _ in range(9)]
+    assert fetched[:3] == [1280, 4 * 1280, 4 * 1280]
+    assert [reading.first_sample for reading in readings] == list(range(0, 12800, 1280))
+    assert len({reading.arrived_s for reading in readings[1:5]}) == 1
+    assert readings[4].arrived_s < readings[5].arrived_s
+    values = np.concatenate([reading.values for reading in readings], axis=1)
+    assert (np.rint(values[1]) == rows["index"][:12800]).all()
+    assert values[0] == pytest.approx(counted(rows["angle"][:12800]), rel=1e-14, abs=1e-12)
+
+
+def test_clocks_that_differ_pile_up_nothing() -> None:
+    """Of a host whose clock has gained on the card's, nothing waits: each call brings a block."""
+    rows = turning(20.0)
+    with opened(RowsPlant(rows), wiring(), ENCODER, ANALOG, seconds=0.0) as card:
+        card._least_lag_s -= 3600.0
+        assert [card.read(1280).first_sample for _ in range(2)] == [0, 1280]
+        assert card._least_lag_s > time.monotonic() - 60.0
 
 
 def test_an_angle_that_was_counted_before_comes_back_unchanged() -> None:

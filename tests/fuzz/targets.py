@@ -297,7 +297,7 @@ async def _exchanges(data: bytes) -> None:
 
 
 def _modbus(data: bytes) -> None:
-    asyncio.run(asyncio.wait_for(_exchanges(data), 60.0))  # nothing in it waits: none hangs
+    asyncio.run(asyncio.wait_for(_exchanges(data), 10.0))  # nothing in it waits
 
 
 _ENCODER = EncoderSettings(node=7, interface="socketcand", timeout_s=1e-9)

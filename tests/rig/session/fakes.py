@@ -105,9 +105,6 @@ class SteppedCard:
     def started_s(self) -> float | None:
         return None
 
-    def available(self) -> int:
-        return 0
-
     def read(self, count: int) -> CardReading:
         if not self._allowed.acquire(timeout=10):
             raise InstrumentSilent(self.name, self.address, "no block was let through")

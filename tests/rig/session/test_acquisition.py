@@ -20,7 +20,6 @@ from rig.session.acquisition import READING_S, Acquisition, AcquisitionFault, Re
 from rig.session.interlock import LimitWatch
 from rig.stream import Block, Stream
 from tests.rig.session.fakes import RATE, Kept, SteppedCard
-from tests.rig.session.shafts import SteppedClock
 
 CHANNELS = (Channel("a", "N"), Channel("b", "N"))
 COUNT = round(READING_S * RATE)
@@ -64,41 +63,6 @@ def test_the_record_is_every_sample_from_its_start_to_its_end(count: int) -> Non
         assert [block.time_ns for block in blocks] == [
             sample_time_ns(start_ns, block.first_sample, RATE) for block in blocks
         ]
-
-
-def test_who_takes_longer_for_a_call_than_a_reading_lasts_does_not_fall_behind() -> None:
-    """Where many threads share two cores, a call takes its time, however few samples it is for."""
-    clock, kept, counts, late_s = SteppedClock(), Kept(), list[int](), list[float]()
-    begun_s = clock.now_s
-
-    class FarCard(SteppedCard):
-        def available(self) -> int:
-            return round((clock.now_s - begun_s) * RATE) - self._next
-
-        def read(self, count: int) -> CardReading:
-            reading = super().read(count)
-            clock.now_s = max(clock.now_s, begun_s + self._next / RATE) + 1.5 * READING_S
-            counts.append(count)
-            late_s.append(clock.now_s - begun_s - self._next / RATE)
-            return reading
-
-    def enough(reading: CardReading) -> None:
-        if len(counts) == 100:
-            acquiring.end_record(reading)
-            done.set()
-
-    card, done = FarCard(CHANNELS), threading.Event()
-    watch = LimitWatch((), RATE)
-    acquiring = Acquisition(card, clock, Stream([kept]), watch, (enough,))  # type: ignore[arg-type]
-    acquiring.start_record(1000 * COUNT)
-    with acquiring:
-        card.let(100)
-        assert done.wait(10)
-        card.let()
-    assert max(late_s) < 5 * READING_S
-    assert max(counts) <= 4 * COUNT
-    recorded = np.concatenate([block.values for block in kept.blocks("a")])
-    assert recorded.tolist() == list(range(sum(counts[:100])))
 
 
 def test_a_record_that_starts_while_a_block_is_being_taken_has_no_hole() -> None:
