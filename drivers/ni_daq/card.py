@@ -215,7 +215,7 @@ class NiDaqCard:
         self._fetched = np.concatenate((kept, values), axis=1) if kept.size else values
 
     def _piled_up(self, analog: AnalogTask, first: int, count: int) -> int:
-        """How many blocks of `count` samples to read from `first` on: one, or those that wait in the device."""
+        """How many blocks of `count` samples to read from `first` on: one, or those that wait."""
         lag_s = self._clock.monotonic_s() - first / self.sample_rate
         self._least_lag_s = min(self._least_lag_s, lag_s)
         if lag_s - self._least_lag_s < 2 * count / self.sample_rate:
