@@ -19,7 +19,7 @@ class ScpiGenerator(ScpiSource):
 
     def __init__(self, config: GeneratorSettings, off_first: bool = False) -> None:
         watched = [each.command for each in _WATCHED]
-        super().__init__(config.name, config.resource, config.timeout_s, watched, off_first)
+        super().__init__(config, watched, off_first)
         self.config = config
         self._amplitude_v = self._offset_v = 0.0
         self._triggered = False

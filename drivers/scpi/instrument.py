@@ -8,11 +8,33 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from itertools import cycle
+from typing import Protocol
 
 from daq.errors import InstrumentAbsent, InstrumentRefused
-from drivers.scpi.language import IDENTITY, MOVING_S, OUTPUT_OFF, Choice, Number, error_in
+from drivers.scpi.language import IDENTITY, MOVING_S, OUTPUT_OFF, Choice, Number, error_in, serial_in
 
 LONGEST_ERROR_QUEUE = 64  # the 33220A keeps 20, the 33500 series 20
+
+
+class SourceSettings(Protocol):
+    """What a bench says of any source."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def resource(self) -> str:
+        """Its VISA address."""
+
+    @property
+    def timeout_s(self) -> float: ...
+
+    @property
+    def emulated(self) -> bool: ...
+
+    @property
+    def serial(self) -> str:
+        """As it answers to *IDN?; empty: any will do."""
 
 
 class ScpiSource:
@@ -22,16 +44,15 @@ class ScpiSource:
     of its own, with `off_first`: its `open` turns the output off before anything is asked, and asks nothing.
     """
 
-    def __init__(
-        self, name: str, resource: str, timeout_s: float, watched: Sequence[str], off_first: bool = False
-    ) -> None:
+    def __init__(self, config: SourceSettings, watched: Sequence[str], off_first: bool = False) -> None:
         self._off_first = off_first
-        self.name, self.address = name, resource
+        self.name, self.address = config.name, config.resource
+        self._serial = "" if config.emulated else config.serial  # an emulated one has none of its own
         self.identity = ""
         # VISA is loaded where a source is made: who only names one, in a bench file, does without.
         from drivers.scpi.link import ScpiLink
 
-        self._link = ScpiLink(name, resource, timeout_s)
+        self._link = ScpiLink(config.name, config.resource, config.timeout_s)
         self._kept: dict[str, Callable[[str], bool]] = {}  # by command: is an answer what was told?
         self._right_s: dict[str, float] = {}  # when it was so last, monotonic
         self._stopped = False
@@ -42,18 +63,21 @@ class ScpiSource:
         raise NotImplementedError
 
     def open(self) -> None:
-        """Connect, check the model, and discard errors; one that drives is refused as it is."""
+        """Connect, check model and serial number, and discard errors; one that drives is refused as it is."""
         self._link.open(f"{OUTPUT_OFF.command} {OUTPUT_OFF.word}" if self._off_first else "")
         if self._off_first:
             return
         try:
             self.identity = self._link.query(IDENTITY)
-            if other := self.known(self.identity):
+            other = self.known(self.identity)
+            if not other and self._serial not in ("", serial_in(self.identity)):
+                other = f"instrument with serial number {self._serial}"
+            if other:
                 raise InstrumentAbsent(
                     self.name,
                     self.address,
                     f"{self.identity[:200]!r} answers, which is no {other}",
-                    "the resource string in the bench file",
+                    "the resource string and the serial number in the bench file",
                 )
             self._link.identity = self.identity
             self._refuse_driving()

@@ -40,6 +40,8 @@ VISA_ADDRESS = Text(
     r"(TCPIP\d*::.+::(SOCKET|INSTR)|ASRL.+::INSTR|USB\d*::.+::INSTR|GPIB\d*::.+::INSTR)",
 )
 
+SERIAL = Text("the serial number that it answers to *IDN?")
+
 
 def longest_off_s(resource: str) -> float:
     """How long an off may take before another connection helps, s; nothing over a network.
@@ -69,8 +71,17 @@ def error_in(answer: str) -> tuple[int, str]:
 
 def model_in(answer: str) -> str:
     """Return the model in an answer to *IDN? (maker, model, serial, firmware); empty where there is none."""
-    fields = answer.split(",")
-    return fields[1].strip() if len(fields) >= 2 else ""
+    return _field(answer, 1)
+
+
+def serial_in(answer: str) -> str:
+    """Return the serial number in an answer to *IDN?; empty where there is none."""
+    return _field(answer, 2)
+
+
+def _field(identity: str, number: int) -> str:
+    fields = identity.split(",")
+    return fields[number].strip() if number < len(fields) else ""
 
 
 @dataclass(frozen=True, slots=True)

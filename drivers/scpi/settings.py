@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
 
 from daq.quantity import Key, Quantity
-from drivers.scpi.language import VISA_ADDRESS, Choice, Number, longest_off_s, reachable
+from drivers.scpi.language import SERIAL, VISA_ADDRESS, Choice, Number, longest_off_s, reachable
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,13 +18,15 @@ class GeneratorSettings:
     """The table [signal_generator] of a bench: where the generator is and how far it may go.
 
     `force_per_volt` in N/V is what amplifier and shaker make of a volt at the drive point, where
-    `maximum_amplitude` in N bounds |offset| plus peak. `resource` is empty where nobody knows it yet.
+    `maximum_amplitude` in N bounds |offset| plus peak. `resource` is empty where nobody knows it
+    yet; one with another `serial` than is given is not driven.
     """
 
     force_per_volt: Annotated[float, Quantity("N/V", 0.001, 1000)]
     maximum_amplitude: Annotated[float, Quantity("N", 0, 1000, above=True)]
     driver: Annotated[Literal["scpi_33220a"], Key()] = "scpi_33220a"
     resource: Annotated[str, VISA_ADDRESS] = ""
+    serial: Annotated[str, SERIAL] = ""
     emulated: Annotated[bool, Key()] = False
     name: str = "signal generator"
     timeout_s: float = 2.0  # s; 0.5 at most while it drives

@@ -33,7 +33,7 @@ class ScpiSupply(ScpiSource):
     busy = True
 
     def __init__(self, config: SupplySettings, off_first: bool = False, clock: Clock | None = None) -> None:
-        super().__init__(config.name, config.resource, config.timeout_s, _LOOKS, off_first)
+        super().__init__(config, _LOOKS, off_first)
         self.config, self._clock = config, clock or SystemClock()
         self.state: MotorState | None = None
         self._running = self._limited = False

@@ -14,7 +14,7 @@ from enum import IntFlag
 from typing import Annotated, Any, ClassVar, Literal
 
 from daq.quantity import Key, Quantity, rule
-from drivers.scpi.language import VISA_ADDRESS, Choice, Number, longest_off_s, reachable
+from drivers.scpi.language import SERIAL, VISA_ADDRESS, Choice, Number, longest_off_s, reachable
 
 KNOWN_MODELS = re.compile(r"N[67]9[57]\dA")
 HIGHEST_V, HIGHEST_A = 160.0, 200.0  # of any model's rating
@@ -73,7 +73,8 @@ class SupplySettings:
     """The table [dc_supply] of a bench: where the supply is, and how far the motor on it may go.
 
     `rpm_per_volt` is the crank's speed per volt at the motor, `maximum_current` in A bounds its torque. From
-    rest to `maximum_speed` the voltage takes `ramp_s`. `resource` is empty where nobody knows it yet.
+    rest to `maximum_speed` the voltage takes `ramp_s`. `resource` is empty where nobody
+    knows it yet; one with another `serial` than is given is not driven.
     """
 
     rpm_per_volt: Annotated[float, Quantity("", 0, 10_000, above=True)]
@@ -83,6 +84,7 @@ class SupplySettings:
     maximum_current: Annotated[float, Quantity("A", 0, HIGHEST_A, above=True)]
     driver: Annotated[Literal["scpi_n6900"], Key()] = "scpi_n6900"
     resource: Annotated[str, VISA_ADDRESS] = ""
+    serial: Annotated[str, SERIAL] = ""
     ramp_s: Annotated[float, Quantity("s", 0.1, 60, key="ramp")] = 3.0
     emulated: Annotated[bool, Key()] = False
     name: str = "DC supply"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -139,6 +140,14 @@ def test_another_instrument_on_a_foreign_server(bench: Bench) -> None:
         InstrumentAbsent, match=r"N5747A.* answers, which is no supply of the N6900 or N7900 series"
     ):
         bench.driver.open()
+
+
+def test_another_of_the_same_model_is_not_driven(bench: Bench) -> None:
+    own = bench.instrument.identity.split(",")[2]
+    ScpiSupply(replace(bench.driver.config, serial=own)).open()
+    with pytest.raises(InstrumentAbsent, match=f"{own}.* answers, which is no .* serial number MY00000007"):
+        ScpiSupply(replace(bench.driver.config, serial="MY00000007")).open()
+    assert not bench.instrument.heard["*RST"]
 
 
 def test_a_foreign_server_that_says_nothing(bench: Bench) -> None:
