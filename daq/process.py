@@ -149,19 +149,21 @@ def begin_as_child(grace_s: float | None = 0.0) -> None:
     threading.Thread(target=watch, name="parent watch", daemon=True).start()
 
 
+_NICE = 5
+"""A third of what others get; at 10, a tenth, a browser on the same machine leaves a live view too little."""
 _TRIES, _BETWEEN_TRIES_S = 5, 0.15
 
 
-def give_way(nice: int) -> None:
-    """Let others compute first where there are more to compute than cores.
+def give_way() -> None:
+    """Let others compute first where there are more to compute than cores; in a session of one's own.
 
     Linux may share the processor between sessions first, each with a value of its own: sched(7), "The
     autogroup feature". One may be set in 0.1 s, by whomever.
     """
-    os.nice(nice)
+    os.nice(_NICE)
     for _ in range(_TRIES):
         try:
-            Path("/proc/self/autogroup").write_text(str(nice))
+            Path("/proc/self/autogroup").write_text(str(_NICE))
         except BlockingIOError:
             time.sleep(_BETWEEN_TRIES_S)
         except OSError:  # it does not

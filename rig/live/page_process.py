@@ -25,9 +25,6 @@ from rig.live.view import (
     queue_bytes,
 )
 
-_NICE = 5
-"""It shows what others take, who cannot wait."""
-
 
 def tell_page(pipe: Connection, onward: Connection, page_port: int) -> None:
     """Tell the page at `page_port`, 0: one of its own, until None comes; the first answer is its address."""
@@ -40,7 +37,7 @@ def tell_page(pipe: Connection, onward: Connection, page_port: int) -> None:
         tell = Teller(page_port if own is None else own.port)
         stack.callback(tell.close, LAST_WORDS_S)
         pipe.send(("" if own is None else own.url,))
-        give_way(_NICE)
+        give_way()
         time_line = Sender(onward)
         time_line.start()
         stack.callback(time_line.close, LAST_WORDS_S)

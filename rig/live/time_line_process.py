@@ -30,8 +30,6 @@ from rig.live.view import LAST_WORDS_S, Shown
 
 _HOST = "127.0.0.1"
 _START_TIMEOUT_S = 15.0
-_NICE = 10
-"""It can wait, longer than the operator's page."""
 _PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
@@ -115,7 +113,7 @@ def serve(pipe: Connection, records: Connection, patience_s: float, memory_limit
         with ViewerServer(memory_limit) as server:
             url = f"http://{_HOST}:{server.web_port}/?url={quote(server.sink_url, safe='')}"
             pipe.send((url, server.sink_url, server.pid))
-            give_way(_NICE)
+            give_way()
             _show(_frames(records), server.sink_url, patience_s)
     except InstrumentAbsent as error:
         pipe.send(str(error))
