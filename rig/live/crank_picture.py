@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from daq.block import SampleBlock
 from daq.log.reader import CRANK_SPEED, Origin, derived_name
 from daq.log.records import Impact
-from daq.signals.even_angles import warm_up
 from rig.derived.order_lines import OrderLines
 from rig.derived.settings import role_of
 from rig.derived.turns import KEPT_S, Turns, turns_from
@@ -186,8 +185,6 @@ class CrankPlay:
         self._speeds = {derived_name(origin, CRANK_SPEED): origin for origin in shown.origins}
 
     def open(self) -> None:
-        if self._orders:
-            warm_up()  # not while the first turns are drawn
         self._mechanism.open()
         self._joints.open()
         self._speed.open()

@@ -23,6 +23,7 @@ import rerun as rr
 
 from daq.errors import InstrumentAbsent
 from daq.process import give_way
+from daq.signals.even_angles import warm_up
 from rig.live.blueprint import blueprint
 from rig.live.picture import Layout
 from rig.live.scene import Scene
@@ -109,6 +110,7 @@ def serve(pipe: Connection, records: Connection, patience_s: float, memory_limit
 
     The first answer on `pipe` is Rerun's two addresses and the server's process.
     """
+    warm_up()  # while nobody sends anything yet
     try:
         with ViewerServer(memory_limit) as server:
             url = f"http://{_HOST}:{server.web_port}/?url={quote(server.sink_url, safe='')}"
