@@ -155,7 +155,7 @@ _TRIES, _BETWEEN_TRIES_S = 5, 0.15
 
 
 def give_way() -> None:
-    """Let others compute first where there are more to compute than cores; in a session of one's own.
+    """Let others compute first where there are more to compute than cores; for one with a session of its own.
 
     Linux may share the processor between sessions first, each with a value of its own: sched(7), "The
     autogroup feature". One may be set in 0.1 s, by whomever.
@@ -166,10 +166,10 @@ def give_way() -> None:
             Path("/proc/self/autogroup").write_text(str(_NICE))
         except BlockingIOError:
             time.sleep(_BETWEEN_TRIES_S)
+            continue
         except OSError:  # it does not
-            return
-        else:
-            return
+            pass
+        return
 
 
 _ARENA_MAX: Final = -8

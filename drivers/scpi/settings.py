@@ -18,8 +18,8 @@ class GeneratorSettings:
     """The table [signal_generator] of a bench: where the generator is and how far it may go.
 
     `force_per_volt` in N/V is what amplifier and shaker make of a volt at the drive point, where
-    `maximum_amplitude` in N bounds |offset| plus peak. `resource` is empty where nobody knows it
-    yet; one with another `serial` than is given is not driven.
+    `maximum_amplitude` in N bounds |offset| plus peak. `resource` is empty where nobody knows it yet; one
+    with another `serial` than is given is not driven.
     """
 
     force_per_volt: Annotated[float, Quantity("N/V", 0.001, 1000)]

@@ -73,8 +73,8 @@ class SupplySettings:
     """The table [dc_supply] of a bench: where the supply is, and how far the motor on it may go.
 
     `rpm_per_volt` is the crank's speed per volt at the motor, `maximum_current` in A bounds its torque. From
-    rest to `maximum_speed` the voltage takes `ramp_s`. `resource` is empty where nobody
-    knows it yet; one with another `serial` than is given is not driven.
+    rest to `maximum_speed` the voltage takes `ramp_s`. `resource` is empty where nobody knows it yet; one
+    with another `serial` than is given is not driven.
     """
 
     rpm_per_volt: Annotated[float, Quantity("", 0, 10_000, above=True)]

@@ -79,6 +79,7 @@ def test_what_has_piled_up_comes_with_one_call_and_block_by_block(monkeypatch: p
         return whole(task, count, timeout_s)
 
     monkeypatch.setattr(AnalogTask, "read", read)
+    monkeypatch.setattr(NiDaqCard, "_status", lambda *_: [("overloaded_chans", 1)])
     with opened(RowsPlant(rows), wiring(), ENCODER, ANALOG) as card:
         readings = [card.read(1280)]
         time.sleep(0.55)  # 11 blocks
@@ -87,6 +88,8 @@ def test_what_has_piled_up_comes_with_one_call_and_block_by_block(monkeypatch: p
     assert [reading.first_sample for reading in readings] == list(range(0, 12800, 1280))
     assert len({reading.arrived_s for reading in readings[1:5]}) == 1
     assert readings[4].arrived_s < readings[5].arrived_s
+    told = [Flag.OVERLOAD in reading.flags[1] for reading in readings[:9]]
+    assert told == [True, *([False] * 3 + [True]) * 2]  # what the device says comes with the newest
     values = np.concatenate([reading.values for reading in readings], axis=1)
     assert (np.rint(values[1]) == rows["index"][:12800]).all()
     assert values[0] == pytest.approx(counted(rows["angle"][:12800]), rel=1e-14, abs=1e-12)
@@ -94,12 +97,17 @@ def test_what_has_piled_up_comes_with_one_call_and_block_by_block(monkeypatch: p
 
 def test_clocks_that_differ_pile_up_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a host whose clock has gained on the card's, nothing waits: each call brings a block."""
-    rows = turning(20.0)
-    monkeypatch.setattr(AnalogTask, "waiting", lambda _: 1280 + 17)
+    rows, asked = turning(20.0), list[AnalogTask]()
+
+    def waiting(task: AnalogTask) -> int:
+        asked.append(task)
+        return 1280 + 17
+
+    monkeypatch.setattr(AnalogTask, "waiting", waiting)
     with opened(RowsPlant(rows), wiring(), ENCODER, ANALOG) as card:
         card._least_lag_s -= 3600.0
-        assert [card.read(1280).first_sample for _ in range(2)] == [0, 1280]
-        assert card._least_lag_s > time.monotonic() - 60.0
+        assert [card.read(1280).first_sample for _ in range(3)] == [0, 1280, 2560]
+    assert len(asked) == 1
 
 
 def test_an_angle_that_was_counted_before_comes_back_unchanged() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -144,7 +145,8 @@ def test_another_instrument_on_a_foreign_server(bench: Bench) -> None:
 
 def test_another_of_the_same_model_is_not_driven(bench: Bench) -> None:
     own = bench.instrument.identity.split(",")[2]
-    ScpiSupply(replace(bench.driver.config, serial=own)).open()
+    with closing(ScpiSupply(replace(bench.driver.config, serial=own))) as right:
+        right.open()
     with pytest.raises(InstrumentAbsent, match=f"{own}.* answers, which is no .* serial number MY00000007"):
         ScpiSupply(replace(bench.driver.config, serial="MY00000007")).open()
     assert not bench.instrument.heard["*RST"]
