@@ -69,8 +69,8 @@ ALL = {
     ),
     "kills": Promise(
         "A run that is killed while it records, no other beside it, costs at most 0.5 s of any measured "
-        "stream, and neither what describes it nor, where that was told half a second before, the begin of its "
-        "record.",
+        "stream, and neither what describes it nor, where that was told half a second before, the begin of "
+        "its record.",
         ("benchmarks.kills", "300"),
         ("benchmarks.kills", "3"),
     ),
