@@ -69,15 +69,16 @@ class ScpiSource:
             return
         try:
             self.identity = self._link.query(IDENTITY)
-            other = self.known(self.identity)
+            other, check = self.known(self.identity), "the resource string in the bench file"
             if not other and self._serial not in ("", serial_in(self.identity)):
                 other = f"instrument with serial number {self._serial}"
+                check = "the resource string and the serial number in the bench file"
             if other:
                 raise InstrumentAbsent(
                     self.name,
                     self.address,
                     f"{self.identity[:200]!r} answers, which is no {other}",
-                    "the resource string and the serial number in the bench file",
+                    check,
                 )
             self._link.identity = self.identity
             self._refuse_driving()

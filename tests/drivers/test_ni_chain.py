@@ -175,7 +175,7 @@ def test_a_cable_is_asked_about_with_each_reading_and_a_clock_with_every_fourth(
     card, stream = NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(channel,))), Asked(at)
     told = []
     for stream.reading in range(12):
-        told.append(card._reported(stream))
+        told.append(card._status(stream))
     # that a cable was off for a moment marks that reading alone
     assert [("open_chans", 0) in said for said in told] == [reading == at for reading in range(12)]
     unlocked = [reading for reading, said in enumerate(told) if ("pll_unlocked_chans", 0) in said]
@@ -200,8 +200,8 @@ def test_a_question_that_failed_is_asked_again() -> None:
     channel = CardChannel("yoke.force", "cDAQ1Mod1/ai0", "force_iepe", TRUE, 200.0, unit="N")
     card, stream = NiDaqCard(CardSettings(sample_rate_hz=RATE, buffer_s=1.0, channels=(channel,))), Hiccup()
     with pytest.raises(DaqError):
-        card._reported(stream)
-    assert card._reported(stream) == [("overloaded_chans", 0)]
+        card._status(stream)
+    assert card._status(stream) == [("overloaded_chans", 0)]
 
 
 def watch(channel: CardChannel, *blocks: list[float]) -> tuple[list[Flag], list[str]]:
