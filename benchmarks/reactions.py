@@ -1,8 +1,10 @@
 """How soon a drive is safe: runs with a generator, a motor or a supply that end badly, over and over.
 
 `limit`: what is measured passes a limit while the terminal has stopped; from that sample to the off.
+`stop`: its emergency stop is pressed; from there to the off. A motor's is read by its inverter, and by the
+run alone; others by the card, where the run is frozen in every other try.
 `killed`, `frozen`: SIGKILL and SIGSTOP; a third as the drive comes on, a third on the way up, a third while
-it is recorded, as of `thread` and `lost`.
+it is recorded, as of `stop`, `thread` and `lost`.
 `thread`: one thread of the run is held, one that guards or drives as often as any other. One of those makes
 the run safe by itself; where it goes on without another, its limit still trips.
 `lost`: an instrument is gone or frozen; to the first sign of a stop, and from there to the off, or, of what
@@ -39,6 +41,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from random import Random
 
@@ -57,7 +60,7 @@ from rig.live.page_server import PORT_VARIABLE
 from rig.session.driven_rig import STOPPED
 from tests.accounting import discrepancies, sent_in
 from tests.drivers.plants import SinePlant
-from tests.end_to_end.files import write_bench, write_scenario
+from tests.end_to_end.files import no_latch_left, write_bench, write_scenario
 from tests.end_to_end.spied_bench import light_card, spied_generator
 from tests.end_to_end.spied_crank import STRIKE, spied_crank
 
@@ -86,6 +89,8 @@ threading.Thread._set_native_id = named
 runpy.run_module("rig.start", run_name="__main__", alter_sys=True)
 """
 """A run whose threads carry their names, of which Linux keeps 15 letters, for whoever looks from outside."""
+_LINE = "cDAQ1Mod4/port0/line0"
+"""Of the card, at which an emergency stop is read."""
 _STYLE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 _LIMIT = '[limits."{channel}"]\nabort = "{level}"\n'
 
@@ -112,6 +117,8 @@ class Bench:
     heard: Callable[[], list[tuple[int, bool]]]
     told_off_ns: Sequence[int]
     """When what drives was told words by which it is off, as far as somebody listens to its line."""
+    press: Callable[[], None]
+    """Its emergency stop."""
 
     @property
     def drives(self) -> bool:
@@ -182,33 +189,45 @@ def _inverter_off(frame: bytes) -> bool:
 
 
 @contextmanager
-def _generator(folder: Path, listening: bool) -> Iterator[Bench]:
+def _generator(folder: Path, way: str) -> Iterator[Bench]:
     struck = "contact.force_upper"
     limits = _LIMIT.format(channel=struck, level="100 N")
     scenario = write_scenario(folder / "scenario.toml", settle_s=1.0, duration_s=60.0, limits=limits)
     plant = partial(StruckPlant, struck=folder / "struck")
+    rehearsal, ordered = get_context("spawn").Pipe()
     with (
-        light_card(plant, {struck: "constant"}) as (card, onward),
+        rehearsal,
+        light_card(plant, {struck: "constant"}, {_LINE: True}, ordered) as (card, onward),
         spied_generator(onward) as (made, spy),
         ExitStack() as stack,
     ):
-        file = write_bench(folder / "bench.toml", made.address, card.address)
-        told = _listened(stack, file, made.address, _source_off) if listening else ()
+        ordered.close()
+        table = f'[emergency_stop]\nline = "{_LINE}"' if way == "stop" else ""
+        file = write_bench(folder / "bench.toml", made.address, card.address, table)
+        told = _listened(stack, file, made.address, _source_off) if way == "lost" else ()
 
         def heard() -> list[tuple[int, bool]]:
             return [(at, each.on) for at, each in zip(spy.heard_ns, spy.heard, strict=False)]
 
-        yield Bench(scenario, file, {"card": card, "generator": made}, struck, heard, told)
+        made_of = {"card": card, "generator": made}
+        yield Bench(scenario, file, made_of, struck, heard, told, lambda: rehearsal.send({_LINE: False}))
 
 
 @contextmanager
-def _motor(folder: Path, listening: bool, by_supply: bool = False) -> Iterator[Bench]:
+def _motor(folder: Path, way: str, by_supply: bool = False) -> Iterator[Bench]:
     struck, is_off = "crank_frame.acceleration_y", _source_off if by_supply else _inverter_off
+    line = _LINE if by_supply else "inverter/RH"
     with (
-        spied_crank(folder, struck=folder / "struck", watchdog_s=_WATCHDOG_S, by_supply=by_supply) as crank,
+        spied_crank(
+            folder,
+            stop=line if way == "stop" else "",
+            struck=folder / "struck",
+            watchdog_s=_WATCHDOG_S,
+            by_supply=by_supply,
+        ) as crank,
         ExitStack() as stack,
     ):
-        told = _listened(stack, crank.file, crank.actuator.address, is_off) if listening else ()
+        told = _listened(stack, crank.file, crank.actuator.address, is_off) if way == "lost" else ()
         with crank.scenario.open("a") as file:
             file.write(_LIMIT.format(channel=struck, level="100 m/s^2"))
         with crank.file.open("a") as file:
@@ -223,10 +242,10 @@ def _motor(folder: Path, listening: bool, by_supply: bool = False) -> Iterator[B
 
         name = "supply" if by_supply else "inverter"
         made = {"card": crank.card, name: crank.actuator, "encoder": crank.encoder}
-        yield Bench(crank.scenario, crank.file, made, struck, heard, told)
+        yield Bench(crank.scenario, crank.file, made, struck, heard, told, crank.press)
 
 
-DRIVES: dict[str, Callable[[Path, bool], AbstractContextManager[Bench]]] = {
+DRIVES: dict[str, Callable[[Path, str], AbstractContextManager[Bench]]] = {
     "generator": _generator,
     "motor": _motor,
     "supply": partial(_motor, by_supply=True),
@@ -339,6 +358,15 @@ def _frozen(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict
     return {"frozen": _since(bench, time.time_ns(), terminal)}
 
 
+def _stop(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
+    frozen = "inverter" not in bench.instruments and rng.random() < 0.5
+    if frozen:
+        terminal.run.send_signal(signal.SIGSTOP)
+    pressed_ns = time.time_ns()
+    bench.press()
+    return {f"emergency stop{', run frozen' if frozen else ''}": _since(bench, pressed_ns, terminal)}
+
+
 def _thread(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict[str, float]:
     pid = terminal.run.pid
     named: dict[bool, list[tuple[int, str]]] = {True: [], False: []}
@@ -408,14 +436,23 @@ def _viewer(bench: Bench, terminal: Terminal, folder: Path, rng: Random) -> dict
 
 WAYS = {
     "limit": _limit,
+    "stop": _stop,
     "killed": _killed,
     "frozen": _frozen,
     "thread": _thread,
     "lost": _lost,
     "viewer": _viewer,
 }
-_ANY_MOMENT = ("killed", "frozen", "thread", "lost")
-BARS = {"limit": 0.15, "noticed": 1.0, "safe after": 0.2, "told off after": 0.2, "samples lost": 0.0}
+_ANY_MOMENT = ("stop", "killed", "frozen", "thread", "lost")
+BARS = {
+    "limit": 0.15,
+    "emergency stop": 0.15,
+    "emergency stop, run frozen": 0.15,
+    "noticed": 1.0,
+    "safe after": 0.2,
+    "told off after": 0.2,
+    "samples lost": 0.0,
+}
 """Of the 99th percentile; 1 s for whatever is not named."""
 MOST_BEFORE = 1 / 20
 _ANY = "any thread held"
@@ -425,10 +462,11 @@ def once(drive: str, way: str, rng: Random) -> dict[str, float]:
     """Seconds of one try, or how many were lost, by what they are."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
+        stack.enter_context(no_latch_left())
         if way == "viewer":
             os.environ[TRUTH_FOLDER] = str(folder)
             stack.callback(os.environ.pop, TRUTH_FOLDER)
-        bench = stack.enter_context(DRIVES[drive](folder, way == "lost"))
+        bench = stack.enter_context(DRIVES[drive](folder, way))
         terminal = Terminal(bench, folder, *(["--live"] if way == "viewer" else []))
         stack.callback(terminal.close)
         if way == "viewer":

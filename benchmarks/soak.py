@@ -80,6 +80,12 @@ ALL = {
         ("benchmarks.reactions", "limit", "--beside", "2"),
         ("benchmarks.reactions", "limit", "--tries", "1"),
     ),
+    "emergency stop": Promise(
+        "An emergency stop that is pressed is off within 0.15 s, with a generator, a motor and a DC supply; "
+        "where the card reads it, with the run frozen as well.",
+        ("benchmarks.reactions", "stop", "--drives", "generator", "motor", "supply", "--beside", "2"),
+        ("benchmarks.reactions", "stop", "--drives", "generator", "motor", "supply", "--tries", "1"),
+    ),
     "killed run": Promise(
         f"A run that is killed is safe within 1 s, whenever it drives, {_WATCHDOG}.",
         ("benchmarks.reactions", "killed", "--beside", "2"),

@@ -104,8 +104,8 @@ class RigBeam:
         if not isinstance(rig.motion, Shaker):
             raise ConfigurationError(scenario.name, [Problem("rig", scenario.rig, "a rig with a shaker")])
         self._rig, self.sample_rate = rig, rig.sample_rate
-        self._shaker = rig.motion
-        self._set(frequency=plan.frequency, amplitude=plan.sine.least, offset=0.0)
+        least = replace(rig.motion.drive, frequency=plan.frequency, amplitude=plan.sine.least, offset=0.0)
+        rig.motion = self._shaker = rig.motion.with_drive(least)
         self._rows = [rig.names.index(name) for name in FORCES]
         self._began = 0
         self._wanted_from: int | None = None
@@ -120,12 +120,10 @@ class RigBeam:
         self._rig.start(soft=True)
 
     def shake(self, amplitude: float) -> None:
-        self._shaker.generator.set_amplitude(amplitude / self._shaker.force_per_volt)
-        self._set(amplitude=amplitude)
+        self._rig.motion = self._shaker = self._shaker.shake(amplitude)
 
     def push(self, offset: float) -> None:
-        self._shaker.generator.set_offset(offset / self._shaker.force_per_volt)
-        self._set(offset=offset)
+        self._rig.motion = self._shaker = self._shaker.push(offset)
 
     def wait(self, seconds: float) -> None:
         self._rig.watch.wait(seconds)
@@ -153,10 +151,6 @@ class RigBeam:
             for row in self._rows:
                 self._flags |= reading.flags[row]
             self._heard.append(reading.values[self._rows])
-
-    def _set(self, **drive: float) -> None:
-        """The rig's motion is the drive as it is now, from which it is ramped down."""
-        self._rig.motion = self._shaker = replace(self._shaker, drive=replace(self._shaker.drive, **drive))
 
 
 class CentringRecord:

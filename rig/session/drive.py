@@ -164,6 +164,7 @@ class Shaker:
 
     `force_per_volt` in N/V is what amplifier and shaker make of a volt; `wait` waits that many seconds and
     may raise. `prove` may raise as well, at the first eighth of the amplitude that a soft start has come to.
+    `hold` hears what drives steadily from then on, and of None before that changes; a ramp down is not told.
     """
 
     generator: DriveGenerator
@@ -171,6 +172,7 @@ class Shaker:
     force_per_volt: float
     wait: Callable[[float], None]
     prove: Callable[[SineDrive], None] = lambda ordered: None
+    hold: Callable[[SineDrive | None], None] = lambda ordered: None
     longest_stop_s: float = 0.0
     """Of `off`, which is one command; `ramp_down` waits by `wait`."""
 
@@ -207,6 +209,22 @@ class Shaker:
             self._go(tenth, drives[0], _RAMP_STEPS - 2)
             for before, after in pairwise(drives):
                 self._go(before, after)
+        self.hold(self.drive)
+
+    def shake(self, amplitude: float) -> Shaker:
+        """Another amplitude at once, N; the shaker as it drives then."""
+        return self._at_once(self.generator.set_amplitude, amplitude, amplitude=amplitude)
+
+    def push(self, offset: float) -> Shaker:
+        """Another offset at once, N; the shaker as it drives then."""
+        return self._at_once(self.generator.set_offset, offset, offset=offset)
+
+    def _at_once(self, order: Callable[[float], None], newtons: float, **drive: float) -> Shaker:
+        self.hold(None)
+        order(newtons / self.force_per_volt)
+        other = self.with_drive(replace(self.drive, **drive))
+        self.hold(other.drive)
+        return other
 
     def trim(self, off: float) -> None:
         """Correct the frequency, which was measured to be `off` by that share of it; the phase goes on."""

@@ -142,36 +142,46 @@ class DrivenRig:
     def hold_force(
         self, channel: str, frequency_hz: float, twin: AnyTwin, path: Sequence[SineDrive] = ()
     ) -> None:
-        """Hold the drive that `channel` shows to what the bench allows and, on its way up, to the order.
+        """Hold the drive that `channel` shows to what the bench allows and to the order.
 
-        Of either it shows what `twin`, of the bench's sensors, says. It may come through drives of a `path`.
+        On its way up that is looked at once, then all the time. Of either the channel shows what `twin`, of
+        the bench's sensors, says. It may come through drives of a `path`.
         """
         if isinstance(self.motion, Shaker | ByHand):
             shown = self.devices.card.channels[self.names.index(channel)]
             of = force_shown(twin, self._highest)
             slowest_hz = min((each.frequency for each in path), default=math.inf)
+            # an emulated source moves nothing that a real card shows
+            driven = self._bench.daq_card.emulated or not self._bench.actuator.emulated
             force = self._force = ForceWatch(
-                shown, frequency_hz, self.sample_rate, self._highest, of, slowest_hz
+                shown, frequency_hz, self.sample_rate, self._highest, of, slowest_hz, driven
             )
             if isinstance(self.motion, ByHand):
                 self.motion.seen = SineSeen(force)
                 return
 
-            # an emulated source moves nothing that a real card shows
-            driven = self._bench.daq_card.emulated or not self._bench.actuator.emulated
+            def obeyed_from() -> float:
+                """The card's sample that shows what is ordered by now, which comes late on a busy machine."""
+                base, acquired = self.acquisition.base, self.acquisition.acquired
+                now = float(base.card_s(base.now_s())) * self.sample_rate
+                return max(now, acquired) + _REACHES_RIG_S * self.sample_rate
 
             def prove(ordered: SineDrive) -> None:
                 """Raise before a soft start goes on where the measured force is not what was ordered."""
-                acquisition = self.acquisition  # by its samples, which come late on a busy machine
-                ordered_s = float(acquisition.base.card_s(acquisition.base.now_s()))
-                due = (ordered_s + _REACHES_RIG_S + force.over_s) * self.sample_rate
+                acquisition, due = self.acquisition, obeyed_from() + force.over_s * self.sample_rate
                 self.watch.until(acquisition, lambda: acquisition.acquired >= due)
                 sine = ordered.amplitude, ordered.offset, ordered.frequency
-                if unlike := self.watch.meanwhile(acquisition, lambda: force.unlike(*sine, driven)):
+                if unlike := self.watch.meanwhile(acquisition, lambda: force.unlike(*sine)):
                     self.logbook.tell("error", "drive.abort", unlike)
                     raise InterlockTripped(f"interlock: {unlike}")
 
-            self.motion = replace(self.motion, prove=prove)
+            def hold(ordered: SineDrive | None) -> None:
+                if ordered is None:
+                    force.let_go()
+                else:
+                    force.hold(ordered.amplitude, ordered.offset, obeyed_from())
+
+            self.motion = replace(self.motion, prove=prove, hold=hold)
 
     def record(
         self,
@@ -559,6 +569,8 @@ class DrivenRig:
             self.acquisition.alarm.set()
         beyond = ""
         if self._force is not None:
+            if self._stops:
+                self._force.let_go()
             row = self.names.index(self._force.channel.name)
             flags = reading.flags[row] if self._moves else Flag.GOOD  # at rest a loose cable harms nobody
             beyond = self._force.take(reading.values[row], flags)

@@ -114,6 +114,7 @@ class ForceWatch:
     is blind for as long, or for more than a third of the time, is as bad as too much: what it clips may be
     any force. `take` is for the acquisition thread. `amplitude` is the sine's, `other` that of a sine as
     strong as all else, `frequency_hz` what the sine is seen to have over the last second, NaN until then.
+    Where nothing is `driven`, no force is too little.
     """
 
     def __init__(
@@ -124,8 +125,9 @@ class ForceWatch:
         highest: float,
         shown: Callable[[float], float] = float,
         slowest_hz: float = math.inf,
+        driven: bool = True,
     ) -> None:
-        self.channel, self.highest, self.shown = channel, highest, shown
+        self.channel, self.highest, self.shown, self._driven = channel, highest, shown, driven
         self._nominal_hz, self._rate = frequency_hz, sample_rate
         cycles = math.floor(_OVER_S * frequency_hz + 1e-9), math.ceil(frequency_hz / slowest_hz - 1e-9)
         self.over_s = max(1, *cycles) / frequency_hz
@@ -136,7 +138,8 @@ class ForceWatch:
         self._lines = int(max(_DRIVEN_HZ, 5 * frequency_hz) * self._lately / sample_rate) + 1
         self.amplitude = self.other = self._mean = self._blind = 0.0
         self._beyond = False
-        self._sound = 0  # samples since it was blind
+        self._taken = self._sound = 0  # samples; those since it was blind
+        self._held: tuple[float, float, float] | None = None  # amplitude and offset, from a sample on
         self.frequency_hz = math.nan
         self._phasor = 0j
         self._advances = deque[tuple[float, int]](maxlen=_FREQUENCY_BLOCKS)  # rad too far, samples
@@ -153,6 +156,7 @@ class ForceWatch:
 
     def take(self, values: NDArray[np.floating], flags: Flag = Flag.GOOD) -> str:
         """Take the next samples, shape (n,), and what is said of them; what is wrong, newly."""
+        self._taken += len(values)
         self._sound = 0 if flags & BLIND else self._sound + len(values)
         blind, count = self._blind, len(self._values)
         more = len(values) if flags & BLIND else -len(values) / 2
@@ -166,7 +170,7 @@ class ForceWatch:
         self._follow(phasor, len(values))
         sine = (phasor * self._turning[-self._lately :].conj()).real
         self.other = self._strength_of(self._values[-self._lately :] - self._mean - sine)
-        return self._beyond_bench()
+        return self._beyond_bench() or self._beyond_order()
 
     def _strength_of(self, values: NDArray[np.floating]) -> float:
         lines = np.abs(np.fft.rfft(values)[: self._lines]) ** 2
@@ -186,6 +190,24 @@ class ForceWatch:
         shows = f"{self.channel.name} = {max(of_sine, of_all):.4g} {unit}{other}"
         return f"{shows}, where the bench allows {self.highest:g} {unit}{self.of_which(self.highest)}"
 
+    def hold(self, ordered: float, offset: float, from_sample: float) -> None:
+        """Hold all from that sample on (`take`'s first is 0) to an order, N; see `unlike`. For any thread."""
+        self._held = ordered, offset, from_sample
+
+    def let_go(self) -> None:
+        """Hold it to no order: another is given. For any thread."""
+        self._held = None
+
+    def _beyond_order(self) -> str:
+        held = self._held
+        if held is None or self._taken - len(self._values) < held[2]:
+            return ""
+        ordered, offset, _ = held
+        unlike = self._unlike(self.amplitude, self._mean, ordered, offset)
+        if unlike and self._held is held:
+            self._held = None  # told once
+        return unlike
+
     def of_which(self, force: float) -> str:
         """How much of a force the channel shows, in words; nothing where it shows all of it."""
         shown = self.shown(force)
@@ -202,10 +224,10 @@ class ForceWatch:
         off_hz = turned * self._rate / (2 * np.pi * samples) if whole and samples else math.nan
         self.frequency_hz = self._nominal_hz + off_hz
 
-    def unlike(self, ordered: float, offset: float, frequency_hz: float, driven: bool = True) -> str:
+    def unlike(self, ordered: float, offset: float, frequency_hz: float) -> str:
         """How the force is not what was ordered, N, by far, and what to look at; empty where it is.
 
-        A sensor may show nothing of an `offset`. Where nothing is `driven`, no force is too little.
+        A sensor may show nothing of an `offset`.
         """
         if self._blind >= len(self._values) / 2:
             return f"{self.channel.name} shows no number"
@@ -213,11 +235,13 @@ class ForceWatch:
         turning = np.exp(2j * np.pi * frequency_hz * at_s)
         told = np.column_stack([turning.real, turning.imag, np.ones(len(at_s))])
         (real, imaginary, mean), *_ = np.linalg.lstsq(told, self._values, rcond=None)
-        sine = math.hypot(real, imaginary)
+        return self._unlike(math.hypot(real, imaginary), mean, ordered, offset)
+
+    def _unlike(self, sine: float, mean: float, ordered: float, offset: float) -> str:
         shown, faint = self.shown(ordered), _FAINT * self.highest
         if sine + abs(mean) > _BEYOND_ORDER * (shown + abs(offset)) + faint:
             check = "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
-        elif driven and sine < _DEAD * shown - faint:
+        elif self._driven and sine < _DEAD * shown - faint:
             check = "the sensor and its cable, without which nothing guards the bench; the amplifier"
         else:
             return ""

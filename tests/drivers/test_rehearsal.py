@@ -158,6 +158,13 @@ def test_what_is_so_from_the_start_is_none_of_the_plants(name: str) -> None:
     assert np.array_equal(shown(name), WHOLE)
 
 
+def test_a_cable_that_comes_loose_shows_nothing_from_then_on() -> None:
+    loose = shown("daq_card.comes_loose@0.1:channel=contact.force")
+    assert not loose[0, 100:].any()
+    assert np.array_equal(np.delete(loose, range(100, 1000), axis=1), WHOLE[:, :100])
+    assert np.array_equal(loose[1], WHOLE[1])
+
+
 def test_marks_are_left_out_whole_and_as_many_as_were_asked_for() -> None:
     marker = shown("daq_card.marks_missing:share=0.3")[1].reshape(-1, 10)
     assert {tuple(each) for each in marker[:, :2].tolist()} == {(5.0, 5.0), (0.0, 0.0)}

@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+from drivers import lock
 from rig.rigs import RIGS
 
 BENCH, PLANAR_BENCH = RIGS["impact_beam"].bench, RIGS["planar_slider_crank"].bench
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 CHANNELS = ("drive.force", "contact.force_upper", "contact.force_lower", "yoke.force", "base.acceleration")
+
+
+@contextmanager
+def no_latch_left() -> Iterator[None]:
+    """Of an emergency stop within: the next emulated instrument may get the same port."""
+
+    def latches() -> set[Path]:
+        return {each for folder in lock.FOLDERS for each in Path(folder).glob("rattle-*.latch")}
+
+    before = latches()
+    try:
+        yield
+    finally:
+        for each in latches() - before:
+            each.unlink(missing_ok=True)
 
 
 def write_scenario(

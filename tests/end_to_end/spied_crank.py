@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from drivers.canopen_cia406.emulator.process import EncoderSetup, start_encoder
 from drivers.emulator_process import DriveLink, EmulatedInstrument, Fork
-from drivers.mitsubishi_fr.emulator.drive import NO_TERMINAL
+from drivers.mitsubishi_fr.emulator.drive import DriveFaults
 from drivers.mitsubishi_fr.emulator.process import InverterWiring, matching_setup, start_inverter
-from drivers.mitsubishi_fr.registers import Terminal
 from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.ni_daq.emulator.process import start_daq_card
 from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, Wire
@@ -36,7 +35,7 @@ RPM, RPM_PER_LEVEL, RAMP_S, WATCHDOG_S = 300.0, 5.0, 1.0, 2.0
 """A level is a hertz of the inverter, or a volt of the supply."""
 SETTINGS = InverterSettings(RPM_PER_LEVEL, 350.0)
 MOTOR = EmulatedMotor(RPM_PER_LEVEL * math.tau / 60.0, SpeedDrive(1.0))
-WATCHDOG = 122
+WATCHDOG, STOP_SELECTION = 122, 250
 _POINT_S = 0.002
 STRIKE = 150.0
 """N or m/s^2, on an input of the card that the bench file leaves out."""
@@ -187,6 +186,12 @@ class SpiedCrank:
     encoder: EmulatedInstrument
     spy: MotorSpy
     rehearsal: Connection
+    stop: StopLine | None
+
+    def press(self) -> None:
+        """Open the line of its emergency stop."""
+        assert self.stop is not None
+        self.rehearsal.send(DriveFaults() if self.stop.terminal else {self.stop.line: False})
 
 
 @contextmanager
@@ -194,25 +199,31 @@ def spied_crank(
     folder: Path,
     slips_after_s: float = math.inf,
     encoder: EncoderSetup | None = None,
-    stop: Terminal = NO_TERMINAL,
+    stop: str = "",
     struck: Path | None = None,
     watchdog_s: float = WATCHDOG_S,
     by_supply: bool = False,
+    coasts: bool = False,
 ) -> Iterator[SpiedCrank]:
     """A crank's bench without physics but for its shaft, and a strike at its frame.
 
-    `stop` is the terminal of an emergency stop; `by_supply`, a DC supply turns it and no inverter.
+    `stop` is the line of an emergency stop; `by_supply`, a DC supply turns it and no inverter, which by its
+    Pr.250 lets it coast once run is withdrawn, if it `coasts`.
     """
+    line = StopLine(stop) if stop else None
+    on_card = line is not None and not line.terminal
     wiring = CardWiring(
         {
             "cDAQ1Mod1/ai0": Wire("crank.marker", 1.0, range_v=10.0),
             "cDAQ1Mod1/ai1": Wire("struck", 0.05 / 9.80665),
         },
         counters={"cDAQ1Mod3/ctr0": CounterWire("crank.angle", 1024)},
+        lines={stop: True} if on_card else {},
     )
-    line = StopLine(f"inverter/{stop.name}") if stop else None
-    setup = matching_setup(replace(SETTINGS, stop_line=line), RAMP_S)
+    setup = matching_setup(replace(SETTINGS, stop_line=None if on_card else line), RAMP_S)
     parameters = {**setup.parameters, WATCHDOG: round(watchdog_s * 10)}
+    if coasts:
+        parameters[STOP_SELECTION] = 0
     rehearsal, ordered = get_context("spawn").Pipe()
     with DriveLink.new() as spied, DriveLink.new() as shown, DriveLink.new() as sensed:
         fork = Fork((spied.sender, shown.sender, sensed.sender))
@@ -220,10 +231,13 @@ def spied_crank(
             actuator = start_dc_supply(fork)
         else:
             actuator = start_inverter(
-                InverterWiring(fork, None, ordered), replace(setup, parameters=parameters)
+                InverterWiring(fork, None, None if on_card else ordered),
+                replace(setup, parameters=parameters),
             )
+        card = start_daq_card(
+            Made(slips_after_s, struck), wiring, shown.receiver, rehearsal=ordered if on_card else None
+        )
         ordered.close()
-        card = start_daq_card(Made(slips_after_s, struck), wiring, shown.receiver)
         sensor = start_encoder(partial(LinkedShaft, MOTOR, sensed.receiver), encoder)
         spied.sender.close()
         spy = MotorSpy(spied.receiver)
@@ -236,7 +250,7 @@ def spied_crank(
         scenario.write_text(SCENARIO)
         bench.write_text(re.sub(r"valid_until = 2036", "valid_until = 2096", text))
         try:
-            yield SpiedCrank(scenario, bench, actuator, card, sensor, spy, rehearsal)
+            yield SpiedCrank(scenario, bench, actuator, card, sensor, spy, rehearsal, line)
         finally:
             for instrument in (actuator, card, sensor):
                 instrument.close()

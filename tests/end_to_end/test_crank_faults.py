@@ -24,6 +24,8 @@ OVERCURRENT = 0x10
 """E.OC1 in the fault history."""
 SAFE_S = 1.0 + 0.2
 """From a device that is lost to the word that stops the motor."""
+AT_ONCE_S = 0.3
+"""From a second Ctrl-C to the off, of which half is for a busy machine."""
 DEAD_S = 1.0
 """From a run that is stopped dead to the ramp down by the shortest watchdog."""
 MEASURED = {"crank.angle", "crank.marker", "encoder.angle"}
@@ -91,6 +93,26 @@ def test_ctrl_c_brings_the_motor_down_on_its_ramp(crank: SpiedCrank, tmp_path: P
         stopping = next(event for event in reader.events() if event.code == "drive.stopping")
         assert end_s(reader, "predicted") <= stopping.time_ns / NS_PER_S + 0.15
         assert end_s(reader, "measured") >= stopping.time_ns / NS_PER_S + 0.5
+
+
+def test_ctrl_c_again_ends_the_ramp_at_once(tmp_path: Path) -> None:
+    with (
+        spied_crank(tmp_path, coasts=True) as crank,
+        command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
+    ):
+        run.await_line("recording")
+        run.signal(signal.SIGINT)
+        crank.spy.await_stopping()
+        time.sleep(0.3 * RAMP_S)
+        assert came_down_on_its_ramp(crank.spy.heard)
+        run.signal(signal.SIGINT)
+        again_s = time.monotonic()
+        ended = stopped(run, crank)
+    assert ended.code == 130
+    coasting = crank.spy.heard[-1]
+    assert not coasting.on
+    assert coasting.started_s - again_s < AT_ONCE_S
+    assert events(ended.log).count("run.interrupted") == 1
 
 
 @pytest.mark.long

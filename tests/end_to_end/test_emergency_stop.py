@@ -19,11 +19,8 @@ import pytest
 from daq.block import NS_PER_S
 from daq.log.reader import LogReader
 from daq.log.records import STOPPING
-from drivers import lock
-from drivers.mitsubishi_fr.emulator.drive import DriveFaults
-from drivers.mitsubishi_fr.registers import Terminal
 from tests.end_to_end.command import ROOT, await_true, command, rattle
-from tests.end_to_end.files import write_bench, write_scenario
+from tests.end_to_end.files import no_latch_left, write_bench, write_scenario
 from tests.end_to_end.spied_bench import DriveSpy, light_card, spied_generator
 from tests.end_to_end.spied_crank import spied_crank
 
@@ -34,12 +31,8 @@ IN_TIME_S = 0.3
 
 @pytest.fixture(autouse=True)
 def latches() -> Iterator[None]:
-    """Leave none behind: the next emulated card may get the same port."""
-    places = [Path(folder) for folder in lock.FOLDERS]
-    before = {each for place in places for each in place.glob("rattle-*.latch")}
-    yield
-    for each in {each for place in places for each in place.glob("rattle-*.latch")} - before:
-        each.unlink()
+    with no_latch_left():
+        yield
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,12 +149,12 @@ def test_a_frozen_run_is_switched_off_by_the_supervisor_as_soon(
 @pytest.mark.long
 def test_one_on_the_inverter_stops_the_motor(tmp_path: Path) -> None:
     with (
-        spied_crank(tmp_path, stop=Terminal.RH) as crank,
+        spied_crank(tmp_path, stop="inverter/RH") as crank,
         command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
     ):
         run.await_line("recording")
         pressed_s, monotonic_s = time.time(), time.monotonic()
-        crank.rehearsal.send(DriveFaults())
+        crank.press()
         crank.spy.await_stopping()
         ended = run.end()
         assert ended.code == 3, ended.err
@@ -174,13 +167,13 @@ def test_one_on_the_inverter_stops_the_motor(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_one_on_the_ramp_of_another_error_is_what_the_run_ends_by(tmp_path: Path) -> None:
     with (
-        spied_crank(tmp_path, stop=Terminal.RH) as crank,
+        spied_crank(tmp_path, stop="inverter/RH") as crank,
         command("run", crank.scenario, "--bench", crank.file, "--out", tmp_path) as run,
     ):
         run.await_line("recording")
         os.kill(crank.encoder.pid, signal.SIGKILL)
         crank.spy.await_stopping()
-        crank.rehearsal.send(DriveFaults())
+        crank.press()
         ended = run.end()
     assert ended.code == 3, ended.err
     assert "emergency stop at inverter/RH of socket://" in ended.err

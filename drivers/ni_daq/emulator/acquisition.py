@@ -17,6 +17,7 @@ from daq.block import NS_PER_S
 from daq.clock import Clock, wall_less_monotonic_ns
 from drivers.emulator_truth import Truth
 from drivers.ni_daq.emulator.converter import Converter, Measure
+from drivers.ni_daq.emulator.spoilt import SpoiltPlant
 from drivers.ni_daq.emulator.wiring import CardWiring, DaqmxError, Input
 from drivers.protocols.card import Plant
 from drivers.protocols.instrument import ActuatorOutput
@@ -176,7 +177,8 @@ class Acquisition:
     @property
     def open_inputs(self) -> tuple[str, ...]:
         """Inputs with an IEPE supply and nobody to take it."""
-        return self._converter.open_inputs
+        loose = self._plant.loose if isinstance(self._plant, SpoiltPlant) else ()
+        return (*self._converter.open_inputs, *self._converter.fed_by(loose))
 
     @property
     def shorted_inputs(self) -> tuple[str, ...]:

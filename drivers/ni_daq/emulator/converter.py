@@ -4,7 +4,7 @@ analog input, pulses and register on a counter."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -49,6 +49,11 @@ class Converter:
         fed = [(item, wire) for item, wire in zip(inputs, live, strict=True) if item.iepe]
         self.open_inputs = tuple(item.physical for item, wire in fed if wire is None)
         self.shorted_inputs = tuple(item.physical for item, wire in fed if wire is not None and wire.shorted)
+        self._fed = [(item.physical, wire.plant_channel) for item, wire in fed if wire is not None]
+
+    def fed_by(self, plant_channels: Container[str]) -> list[str]:
+        """The inputs with a supply whose sensors show these channels."""
+        return [physical for physical, channel in self._fed if channel in plant_channels]
 
     def convert(self, plant: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return values as read, shape (inputs, n), and which inputs clipped, shape (inputs,)."""

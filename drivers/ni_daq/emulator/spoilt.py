@@ -17,7 +17,7 @@ from drivers.rehearsal import Rehearsal, Rehearsed
 
 _BEYOND = 1e12  # of whatever unit: more than any input takes
 _HIGH_V = 1.0  # above the noise of a marker's low level, below its 5 V
-_LASTING = ("marks_missing", "marks_doubled", "marks_late", "offset")
+_LASTING = ("marks_missing", "marks_doubled", "marks_late", "offset", "comes_loose")
 _CHATTER_S, _CHATTERS_EVERY_S = 0.02, 0.1
 _GLITCH_S, _GLITCH_AFTER_S = 5e-4, 0.02  # after the mark, which is over by then from 42 rpm on
 
@@ -37,6 +37,8 @@ class SpoiltPlant:
     ) -> None:
         self._plant, self.channels, self.drive, self._press = plant, plant.channels, plant.drive, press
         self._rehearsal = Rehearsal(faults, seed)
+        self.loose: frozenset[str] = frozenset()
+        """Channels whose cables have come loose."""
         self._going: list[tuple[float, Callable[[NDArray[np.float64]], None]]] = []
         self._made, self._rate = 0, 1.0  # samples since the start, and Hz
 
@@ -78,7 +80,10 @@ class SpoiltPlant:
                 return _Chatter(row, fault.number("height"), self._rate)
             case "offset":
                 return partial(_raise, row, fault.number("by"))
-        value = {"clips": _BEYOND, "not_finite": np.nan}.get(fault.kind, float(shown[row, 0]))
+            case "comes_loose":
+                self.loose |= {self.channels[row]}
+        values = {"clips": _BEYOND, "not_finite": np.nan, "comes_loose": 0.0}
+        value = values.get(fault.kind, float(shown[row, 0]))
         part = slice(0, 1) if fault.kind == "not_finite" else slice(None)
 
         def spoil(block: NDArray[np.float64]) -> None:

@@ -58,7 +58,7 @@ class ScpiServer:
     ) -> None:
         self._instrument, self._stale_answer = instrument, stale_answer
         self._endless_errors = any(fault.kind == "endless_errors" for fault in rehearsed)
-        self._stays_on, self._garbled_share = False, 0.0
+        self._stays_on, self._spoilt = False, dict[str, float]()
         self._supply = instrument if isinstance(instrument, EmulatedN6900) else None  # which time trips too
         self._to_come, self._look_s = Rehearsal(rehearsed), _LOOK_S if rehearsed or self._supply else None
         self.used_s = math.inf  # monotonic s of the first output: faults count from there
@@ -113,8 +113,8 @@ class ScpiServer:
                 self._supply.trip(Trouble.OVER_TEMPERATURE)
             elif fault.kind == "stays_on":
                 self._stays_on = True
-            elif fault.kind == "garbled":
-                self._garbled_share = fault.number("share")
+            elif fault.kind in ("garbled", "unterminated"):
+                self._spoilt[fault.kind] = fault.number("share")
         if self._supply is not None:
             self._supply.look()
 
@@ -156,7 +156,8 @@ class ScpiServer:
         for line in lines:
             answer = self._run(line.decode("latin-1").strip("\r"))
             if answer is not None:
-                self._answer(port, answer.encode("ascii", "replace") + b"\n")
+                end = b"" if self._spoils("unterminated") else b"\n"
+                self._answer(port, answer.encode("ascii", "replace") + end)
         if len(port.received) > INPUT_BUFFER:
             port.received.clear()
             self._instrument.status.report(CommandError(-363))
@@ -168,9 +169,10 @@ class ScpiServer:
         if self._endless_errors and line == "SYST:ERR?":
             return f'-113,"{CommandError(-113)}"'
         answer = self._instrument.run(line)
-        if answer is not None and self._to_come.lot.random() < self._garbled_share:
-            return answer.translate(_GARBLED)
-        return answer
+        return answer.translate(_GARBLED) if answer is not None and self._spoils("garbled") else answer
+
+    def _spoils(self, kind: str) -> bool:
+        return self._to_come.lot.random() < self._spoilt.get(kind, 0.0)
 
     def _answer(self, port: _Port, data: bytes) -> None:
         if len(port.pending) + len(data) > OUTPUT_BUFFER:

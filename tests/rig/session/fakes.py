@@ -42,6 +42,17 @@ class RecordingGenerator:
     def amplitudes(self) -> list[float]:
         return [float(str(each[1])) for each in self.told if each[0] == "set_amplitude"]
 
+    def sine(self, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What it puts out by now, V."""
+        hertz, volts, on = 0.0, 0.0, False
+        for what, *said in self.told:
+            on = (on or what == "start") and what != "off"
+            if what in ("arm_sine", "set_frequency"):
+                hertz = float(str(said[0]))
+            if what in ("arm_sine", "set_amplitude"):
+                volts = float(str(said[what == "arm_sine"]))
+        return on * volts * np.sin(2 * np.pi * hertz * seconds)
+
     def open(self) -> None:
         self._note("open")
 

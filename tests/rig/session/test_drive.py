@@ -41,6 +41,30 @@ def test_a_soft_start_begins_at_the_least_amplitude_and_ends_at_the_full_one() -
     assert offsets[-1] == pytest.approx(0.5 / FORCE_PER_VOLT)
 
 
+@pytest.mark.parametrize("soft", [False, True])
+def test_a_drive_is_held_once_it_is_as_ordered_and_not_while_that_changes(soft: bool) -> None:
+    generator, told = RecordingGenerator(), list[object]()
+    drive = SineDrive(frequency=20.0, amplitude=9.0)
+    held = lambda ordered: told.append((len(generator.told), ordered))  # noqa: E731
+    moved = Shaker(generator, drive, FORCE_PER_VOLT, lambda seconds: None, hold=held)
+    moved.arm(soft)
+    moved.start(soft)
+    started = len(generator.told)
+    pushed = moved.shake(4.0).push(-1.0)
+    assert pushed.drive == SineDrive(frequency=20.0, amplitude=4.0, offset=-1.0)
+    assert generator.told[started:] == [
+        ("set_amplitude", 4.0 / FORCE_PER_VOLT),
+        ("set_offset", -1.0 / FORCE_PER_VOLT),
+    ]
+    assert told == [
+        (started, drive),
+        (started, None),
+        (started + 1, SineDrive(frequency=20.0, amplitude=4.0)),
+        (started + 1, None),
+        (started + 2, pushed.drive),
+    ]
+
+
 def test_a_start_comes_through_the_drives_of_its_path_without_a_rest() -> None:
     generator, waits = RecordingGenerator(), list[float]()
     moved = shaker(generator, waits)

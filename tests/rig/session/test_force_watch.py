@@ -13,10 +13,14 @@ RATE, BLOCK, HIGHEST_N = 51_200.0, 5120, 12.0
 
 
 def shown(
-    amplitude: float, offset: float = 0.0, frequency_hz: float = 20.0, noise: float = 0.0
+    amplitude: float,
+    offset: float = 0.0,
+    frequency_hz: float = 20.0,
+    noise: float = 0.0,
+    driven: bool = True,
 ) -> tuple[ForceWatch, list[str]]:
     """A second of a drive, and what was told of it."""
-    watch = ForceWatch(Channel("drive.force", "N"), frequency_hz, RATE, HIGHEST_N)
+    watch = ForceWatch(Channel("drive.force", "N"), frequency_hz, RATE, HIGHEST_N, driven=driven)
     at_s = np.arange(int(RATE)) / RATE
     drive = offset + amplitude * np.sin(2 * np.pi * frequency_hz * at_s + 0.7)
     drive += noise * np.random.default_rng(1).standard_normal(len(at_s))
@@ -117,8 +121,44 @@ def test_a_push_without_a_sine_is_held_as_well() -> None:
 
 
 def test_where_nothing_is_driven_no_force_is_too_little() -> None:
-    assert shown(0.0)[0].unlike(1.125, 0.0, 20.0, driven=False) == ""
-    assert shown(11.0)[0].unlike(1.125, 0.0, 20.0, driven=False)
+    assert shown(0.0, driven=False)[0].unlike(1.125, 0.0, 20.0) == ""
+    assert shown(11.0, driven=False)[0].unlike(1.125, 0.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "offset", "told"),
+    [
+        (5.0, 0.0, False),
+        (7.0, 0.0, False),
+        (2.0, 0.0, False),
+        (8.0, 0.0, True),
+        (1.2, 0.0, True),
+        (5.0, 2.0, False),
+        (5.0, -5.0, True),
+        (0.0, 8.0, True),
+    ],
+)
+def test_a_steady_order_is_held_once_all_that_is_looked_over_came_after_it(
+    amplitude: float, offset: float, told: bool
+) -> None:
+    watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
+    watch.hold(5.0, 0.0, from_sample=3.5 * BLOCK)
+    force = offset + amplitude * np.sin(2 * np.pi * 20.0 * np.arange(int(RATE)) / RATE)
+    said = [bool(watch.take(block)) for block in force.reshape(-1, BLOCK)]
+    assert said == [told and number == 5 for number in range(10)]  # once, with the first whole 0.2 s
+
+
+def test_another_order_is_held_from_when_it_is_given() -> None:
+    watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
+    force = np.sin(2 * np.pi * 20.0 * np.arange(int(RATE)) / RATE).reshape(-1, BLOCK)
+    watch.hold(2.0, 0.0, from_sample=0.0)
+    assert not any(watch.take(2.0 * block) for block in force)
+    watch.let_go()
+    assert not any(watch.take(6.0 * block) for block in force)
+    watch.hold(6.0, 0.0, from_sample=20.0 * BLOCK)
+    assert not any(watch.take(6.0 * block) for block in force)
+    # a person turns the amplifier up
+    assert "drive.force = 10.5 N where 6 is ordered" in "".join(watch.take(10.5 * block) for block in force)
 
 
 def test_a_sensor_that_shows_no_number_does_not_hide_what_comes_after_it() -> None:

@@ -14,6 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.channel import Channel
 from daq.clock import SystemClock
@@ -36,10 +37,11 @@ from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import Stopped
 from rig.session.supervisor import SupervisorTripped
 from rig.stream import Record
-from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
+from tests.rig.session.fakes import RATE, RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.shafts import FakeDrive, SteppedClock
 from tests.rig.session.test_progress import Known
 
+FORCE_PER_VOLT = 3.6
 LIMITED = "contact.force_upper", "crank_frame.acceleration_y"
 BEAM = """\
 rig = "impact_beam"
@@ -113,12 +115,18 @@ class Idle:
 
 
 class RunningCard(SteppedCard):
-    """A card whose samples come by themselves while it runs, of `level` on the channels with a limit."""
+    """A card whose samples come by themselves while it runs: the drive, `level` on channels with a limit."""
 
-    def __init__(self, channels: tuple[Channel, ...]) -> None:
-        self.level = 0.0
+    def __init__(self, channels: tuple[Channel, ...], generator: RecordingGenerator) -> None:
+        self.level, self.gain = 0.0, 1.0
         limited = [channel.name in LIMITED for channel in channels]
-        super().__init__(channels, lambda n, k: np.full(len(n), self.level * limited[k]))
+        drives = [channel.name == "drive.force" for channel in channels]
+
+        def shown(samples: NDArray[np.int64], row: int) -> NDArray[np.float64]:
+            force = self.gain * FORCE_PER_VOLT * generator.sine(samples / RATE) if drives[row] else 0.0
+            return force + np.full(len(samples), self.level * limited[row])
+
+        super().__init__(channels, shown)
         self._done = threading.Event()
         self._letting = threading.Thread(target=self._let)
 
@@ -149,14 +157,15 @@ class Rig:
         self.folder = folder
         self.opening: Callable[[], None] = lambda: None
         units = {channel.name: channel.unit for channel in self.bench.daq_card.channels}
-        self.card = RunningCard(tuple(Channel(name, unit) for name, unit in units.items()))
         self.generator, self.drive = RecordingGenerator(), FakeDrive(SteppedClock(), stuck=True)
+        channels = tuple(Channel(name, unit) for name, unit in units.items())
+        self.card = RunningCard(channels, self.generator)
 
     def connect(self, *_: object) -> tuple[Devices, dict[str, str]]:
         self.card.open = self.opening  # type: ignore[method-assign]
         if self.scenario.rig == "impact_beam":
             generator = self.generator
-            motion = lambda wait, _: Shaker(generator, self.scenario.drive, 3.6, wait)  # noqa: E731
+            motion = lambda wait, _: Shaker(generator, self.scenario.drive, FORCE_PER_VOLT, wait)  # noqa: E731
             return Devices(generator, RecordingGenerator, motion, self.card), {}  # type: ignore[arg-type]
         inverter = lambda wait, rpm: Motor(self.drive, 200.0 * math.tau / 60.0, wait, rpm)  # noqa: E731
         return Devices(MotorActuator(self.drive), None, inverter, self.card), {}  # type: ignore[arg-type]
@@ -371,6 +380,15 @@ def test_runs_on_what_stands_are_each_armed_and_switched_off_and_it_hangs_up_at_
         with LogReader(log) as reader:
             assert reader.complete
             assert reader.series("measured", "drive.force").first_sample == 0
+
+
+@pytest.mark.parametrize("gain", [1.6, 0.2])
+def test_a_start_at_once_is_held_to_its_order_as_a_soft_one_is(in_turn: InTurn, gain: float) -> None:
+    in_turn.rig.card.gain = gain
+    in_turn.rig.scenario = edited(in_turn.rig.scenario, {"drive.amplitude": "5 N"}, "at once")
+    with pytest.raises(InterlockTripped, match=f"drive.force = {gain * 5.0:g} N where 5 is ordered"):
+        in_turn(20.0)
+    assert in_turn.rig.told()[-2:] == ["off", "close"]
 
 
 def test_what_trips_in_one_run_lets_none_follow_and_leaves_nothing_connected(in_turn: InTurn) -> None:

@@ -33,8 +33,8 @@ LOST = DeviceLost("card", "here", "unplugged")
 class SlowToClose(RunningCard):
     """The clock is far on once it is closed."""
 
-    def __init__(self, clock: Ahead) -> None:
-        super().__init__((Channel("drive.force", "N"),))
+    def __init__(self, clock: Ahead, generator: RecordingGenerator) -> None:
+        super().__init__((Channel("drive.force", "N"),), generator)
         self._clock = clock
 
     def stop(self) -> None:
@@ -69,7 +69,7 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[DrivenRig]:
         generator,
         RecordingGenerator,
         lambda wait, _: Shaker(generator, scenario.drive, 3.6, wait),
-        SlowToClose(clock),
+        SlowToClose(clock, generator),
         loggers={"thermometer": Thermometer(*[(293.0, 313.0)] * 9999)},
     )
     rig = DrivenRig(embedded_bench(), devices, StopRequest(), silent_screen(), RunClock(clock))
