@@ -84,7 +84,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     **_faults_of("signal_generator"),
     "signal_generator.set_by_another": Fault(
         "F33", "its amplitude is turned to `volts` peak to peak at its panel",
-        f"{_LOST}; where the force is far from what is ordered: exit 3", {"volts": 3.0},
+        f"{_LOST}; where the force is half as much again: exit 3", {"volts": 1.0},
     ),
     **_faults_of("dc_supply"),
     "dc_supply.set_by_another": Fault("F33", "is turned to `volts` at its panel", _LOST, {"volts": 1.0}),
@@ -135,13 +135,12 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "daq_card.clips": Fault("F25", "`channel` is clipped `for` s", _MARKED, {**_ONE_INPUT, "for": 0.5}),
     "daq_card.stuck": Fault(
         "F25", "`channel` gives one value `for` s",
-        "an event `sensor.stuck`; the run goes on (a drive.force of which no third is left: exit 3)",
+        "an event `sensor.stuck`; the run goes on (drive.force for a second: exit 3)",
         {**_ONE_INPUT, "for": 2.0},
     ),
     "daq_card.offset": Fault(
         "F25", "the sensor of `channel` is off by `by` of its unit",
-        "nothing: a wrong mean, at rest too (rattle monitor); past a limit, the bench's maximum or half as "
-        "much again as is ordered: exit 3",
+        "nothing: a wrong mean, at rest too (rattle monitor); past a limit or the bench's maximum: exit 3",
         {**_ONE_INPUT, "by": 1.0},
     ),
     "daq_card.open": Fault("F25", "the cable of `channel` is loose", _MARKED, _ONE_INPUT, at_start=True),

@@ -39,6 +39,7 @@ def identify(
     budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 1200,
 ) -> None:
     from daq.disk import write_whole
+    from daq.errors import RattleError
     from rig.diagnosis import identify as work
     from rig.diagnosis.recordings import recorded
     from rig.files.out_folder import require_new
@@ -63,6 +64,10 @@ def identify(
     except KeyboardInterrupt:
         screen.say(f"what was simulated is kept in {folder}; the same command goes on there")
         raise
+    except RattleError as error:
+        if not isinstance(error, work.OutOfTime):  # no other search would go on there
+            work.discard(folder)
+        raise
     names = [path.name for path in data.paths]
     scenarios = list(dict.fromkeys(parse_scenario(text).name for text in data.scenarios))
     text = work.model_text_of(found, campaign.rig, names, scenarios, data.specimen)
@@ -76,7 +81,7 @@ def identify(
 
 
 def _show(found: Identification, rig: str, screen: Screen) -> None:
-    from rig.diagnosis.identify import STILL_MOVED, TOGETHER, rows
+    from rig.diagnosis.identify import AT_END, STILL_MOVED, TOGETHER, rows
 
     table = Table(box=None, pad_edge=False)
     for heading in ("key", "found", "95 % interval", "was", ""):
@@ -88,6 +93,8 @@ def _show(found: Identification, rig: str, screen: Screen) -> None:
         screen.warn("not told: known hardly better than before these runs; it only goes with the others")
     for one, other in found.known.together():
         screen.warn(TOGETHER.format(one, other))
+    for name in found.known.at_ends():
+        screen.warn(AT_END.format(name))
     if not found.converged:
         screen.warn(f"{STILL_MOVED}: their intervals are wider by that; add runs, or free fewer")
     screen.say(f"gap        {found.gap:.2f} with these values in the twin   (1 = as far as a healthy rig)")

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from io import BytesIO
-from itertools import combinations
+from itertools import combinations, islice
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -145,61 +145,81 @@ def wides_of(data: RecordedCampaign, free: Mapping[str, str]) -> tuple[Wide, ...
 
 STILL_MOVED = "The values still moved in the last round"
 TOGETHER = "{} and {} are told together only: fix one of them, if you know it"
+AT_END = "{0} lies at the end of where it was looked for: --free {0}=LOW..HIGH with a wider range"
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
     """What was found: `gap` of the rig from its twin with the values, as a healthy rig's is 1.
 
-    `was` are the values that the scenarios have, SI; `next_run` a scenario that would tell more. Not
-    `converged`: in the last round the values `moved` by so many deviations, (n,). `gaps` are those of the
-    runs by themselves, each with its name.
+    `known` is as wide as the gap and what still moved make it. `was` are the values that the scenarios have,
+    SI; `next_run` a scenario that would tell more. Not `converged`: the values still moved in the last round.
+    `gaps` are those of the runs by themselves, each with its name.
     """
 
     known: Known
     was: Mapping[str, float | None]
     gap: float
     converged: bool
-    moved: NDArray[np.float64]
     next_run: str | None = None
     gaps: tuple[tuple[str, float], ...] = ()
+
+
+class OutOfTime(RattleError):
+    """What has been simulated by then is kept."""
+
+
+_GROUP = 8
+"""Draws that are kept in one file, on however many cores."""
 
 
 class Kept:
     """Has draws simulated and keeps what they showed in `folder`, so that an interrupted search goes on.
 
-    Raises RattleError where there is no time for them.
+    Simulates `at_once` groups of them. Raises OutOfTime where there is no time for them.
     """
 
-    def __init__(self, folder: Path, about: str, simulate: Execute, size: int) -> None:
-        self._folder, self._about, self._simulate, self._size = folder, about, simulate, size
+    def __init__(self, folder: Path, about: str, simulate: Execute, at_once: int) -> None:
+        self._folder, self._about, self._simulate, self._at_once = folder, about, simulate, at_once
         self.found = 0
 
     def __call__(self, draws: Sequence[Draw]) -> list[Observed]:
-        observed: list[Observed] = []
-        for first in range(0, len(draws), self._size):
-            observed += self._piece(draws[first : first + self._size])
-        return observed
+        groups = [draws[first : first + _GROUP] for first in range(0, len(draws), _GROUP)]
+        shown = {number: kept for number, each in enumerate(groups) if (kept := self._kept(each)) is not None}
+        missing = [number for number in range(len(groups)) if number not in shown]
+        for first in range(0, len(missing), self._at_once):
+            now = missing[first : first + self._at_once]
+            observed = iter(self._simulate([draw for number in now for draw in groups[number]]))
+            for number in now:
+                shown[number] = list(islice(observed, len(groups[number])))
+                self._keep(groups[number], shown[number])
+            if not all(each for number in now for each in shown[number]):
+                raise OutOfTime(
+                    f"time ran out: nothing was written. What was simulated is kept in {self._folder}; the "
+                    "same command with a larger --budget goes on there"
+                )
+        return [each for number in range(len(groups)) for each in shown[number]]
 
-    def _piece(self, draws: Sequence[Draw]) -> Sequence[Observed]:
+    def _file(self, draws: Sequence[Draw]) -> Path:
         told = hashlib.sha256(f"{self._about}\n{draws!r}".encode()).hexdigest()[:32]
-        file = self._folder / f"{told}.npz"
-        if (kept := kept_arrays(file)) is not None and kept.keys() >= {"there", "shown"}:
-            there, shown = kept["there"], iter(kept["shown"])
-            self.found += len(draws)
-            return [(next(shown) if each else None,) for each in there]
-        observed = self._simulate(draws)
+        return self._folder / f"{told}.npz"
+
+    def _kept(self, draws: Sequence[Draw]) -> list[Observed] | None:
+        kept = kept_arrays(self._file(draws))
+        if kept is None or not kept.keys() >= {"there", "shown"}:
+            return None
+        shown = iter(kept["shown"])
+        self.found += len(draws)
+        return [(next(shown) if each else None,) for each in kept["there"]]
+
+    def _keep(self, draws: Sequence[Draw], observed: Sequence[Observed]) -> None:
         if not all(observed):
-            raise RattleError(
-                f"time ran out: nothing was written. What was simulated is kept in {self._folder}; the same "
-                "command with a larger --budget goes on there"
-            )
+            return
         simulated = [each[0] for each in observed if each[0] is not None]
         content = BytesIO()
         np.savez(content, there=[each[0] is not None for each in observed], shown=np.array(simulated))
         self._folder.mkdir(exist_ok=True)
-        write_whole(file, content.getvalue())
-        return observed
+        write_whole(self._file(draws), content.getvalue())
 
 
 _HEALTHY = 48
@@ -366,7 +386,7 @@ def identify(
             found: Kept
             tell = (lambda done: bar(min(found.found + done, total))) if report else lambda _: None
             simulated = Simulated(of, workers.executor, deadline, tell)
-            found = Kept(folder, _digest(of), simulated, 16 * cores())
+            found = Kept(folder, _digest(of), simulated, 2 * cores())
             return found
 
         simulate = kept(campaign)
@@ -397,9 +417,19 @@ def identify(
                 f"the best such rig still lies a gap of {gap:.2f} from these runs (1 is a healthy rig's), so "
                 "something else is missing or wrong: nothing was written. rattle diagnose may tell what"
             )
-        more = _next_run(plain, known, kept, np.random.default_rng([seed, 1]))
+        moving = np.zeros_like(found.moved) if found.converged else found.moved
+        known = known.widened(max(1.0, gap) * np.hypot(1.0, moving))
+        if not any(known.told()):
+            raise _nothing_told(wides)
+        more = None
+        if not all(known.told()):
+            screen.say("looking for a further run that would tell more ...")
+            try:
+                more = _next_run(plain, known, kept, np.random.default_rng([seed, 1]))
+            except OutOfTime:
+                screen.warn("there was no time to look for a further run that would tell more")
     of_runs = zip([path.name for path in plain.paths], gaps, strict=True)
-    return Identification(known, was, gap, found.converged, found.moved, more, tuple(of_runs))
+    return Identification(known, was, gap, found.converged, more, tuple(of_runs))
 
 
 def _with_best(plain: RecordedCampaign, best: Mapping[str, float]) -> Campaign:
@@ -421,11 +451,9 @@ def _next_run(
 ) -> str | None:
     """The scenario of one more run that would tell most of what is not told yet, headed by how much.
 
-    None where all is told, or no run would tell more.
+    None where no run would tell more.
     """
     open_ones = ~np.array(known.told())
-    if not open_ones.any():
-        return None
     columns, quiet = plain.campaign.runs[0].columns, plain.campaign.runs[0].quiet
     given = parse_scenario(plain.scenarios[0]).model
     names = [wide.name for wide in known.wides]
@@ -437,7 +465,8 @@ def _next_run(
         scenario = parse_scenario(option.scenario)
         if any(scenario.model.get(name) != given.get(name) for name in names):
             continue  # what is looked for is not set anew
-        more = identifying(option.campaign.runs, [scenario], names)
+        runs = [_narrow((), Path(), each) for each in option.campaign.runs]  # as it would be looked at
+        more = identifying(runs, [scenario], names)
         with suppress(SimulationFailed):
             deviations = after_one_more(more, known, kept(more, False), rng)
             left = float(np.sum(np.log(deviations[open_ones])))
@@ -493,6 +522,7 @@ def model_text_of(
         "# Behind each its 95 % interval, in the same unit, and what the scenarios had.",
         *([] if all(found.known.told()) else [f"# {_NO_ANSWER}"]),
         *(f"# Told together only: {one} and {other}." for one, other in found.known.together()),
+        *(f"# {AT_END.format(name)}." for name in found.known.at_ends()),
         *([] if found.converged else [f"# {STILL_MOVED}, by which their intervals are wider."]),
         f"# Gap of the rig from its twin with these values: {found.gap:.2f} (1 is as far as a healthy rig).",
         *head_text(rig, runs, scenarios, specimen),
@@ -520,14 +550,8 @@ def rows(found: Identification, rig: str) -> list[tuple[str, ...]]:
 
 
 def _identified(found: Identification) -> dict[str, Identified]:
-    """Intervals are as much wider as the rig lies farther from its twin than a healthy one.
-
-    And as the values still moved.
-    """
     known = found.known
-    moving = np.zeros_like(found.moved) if found.converged else found.moved
-    wider = max(1.0, found.gap) * np.hypot(1.0, moving)
-    estimates = zip(known.wides, known.estimates(wider), known.told(), strict=True)
+    estimates = zip(known.wides, known.estimates(), known.told(), strict=True)
     return {
         wide.name: Identified(wide.name, each.low, each.high, found.was[wide.name], told)
         for wide, each, told in estimates

@@ -164,7 +164,8 @@ class Shaker:
 
     `force_per_volt` in N/V is what amplifier and shaker make of a volt; `wait` waits that many seconds and
     may raise. `prove` may raise as well, at the first eighth of the amplitude that a soft start has come to.
-    `hold` hears what drives steadily from then on, and of None before that changes; a ramp down is not told.
+    `hold` hears what drives steadily from then on, and of None before that changes; not of a ramp down, of
+    which whoever stops knows.
     """
 
     generator: DriveGenerator
@@ -213,18 +214,19 @@ class Shaker:
 
     def shake(self, amplitude: float) -> Shaker:
         """Another amplitude at once, N; the shaker as it drives then."""
-        return self._at_once(self.generator.set_amplitude, amplitude, amplitude=amplitude)
+        return self._at_once(
+            self.generator.set_amplitude, amplitude, replace(self.drive, amplitude=amplitude)
+        )
 
     def push(self, offset: float) -> Shaker:
         """Another offset at once, N; the shaker as it drives then."""
-        return self._at_once(self.generator.set_offset, offset, offset=offset)
+        return self._at_once(self.generator.set_offset, offset, replace(self.drive, offset=offset))
 
-    def _at_once(self, order: Callable[[float], None], newtons: float, **drive: float) -> Shaker:
+    def _at_once(self, order: Callable[[float], None], newtons: float, drive: SineDrive) -> Shaker:
         self.hold(None)
         order(newtons / self.force_per_volt)
-        other = self.with_drive(replace(self.drive, **drive))
-        self.hold(other.drive)
-        return other
+        self.hold(drive)
+        return self.with_drive(drive)
 
     def trim(self, off: float) -> None:
         """Correct the frequency, which was measured to be `off` by that share of it; the phase goes on."""

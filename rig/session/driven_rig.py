@@ -144,8 +144,8 @@ class DrivenRig:
     ) -> None:
         """Hold the drive that `channel` shows to what the bench allows and to the order.
 
-        On its way up that is looked at once, then all the time. Of either the channel shows what `twin`, of
-        the bench's sensors, says. It may come through drives of a `path`.
+        On its way up that is looked at once, then all the time, but for a person's, who is asked. Of either
+        the channel shows what `twin`, of the bench's sensors, says. It may come through drives of a `path`.
         """
         if isinstance(self.motion, Shaker | ByHand):
             shown = self.devices.card.channels[self.names.index(channel)]
@@ -161,7 +161,7 @@ class DrivenRig:
                 return
 
             def obeyed_from() -> float:
-                """The card's sample that shows what is ordered by now, which comes late on a busy machine."""
+                """The card's first sample that shows what is ordered by now, and none that has come."""
                 base, acquired = self.acquisition.base, self.acquisition.acquired
                 now = float(base.card_s(base.now_s())) * self.sample_rate
                 return max(now, acquired) + _REACHES_RIG_S * self.sample_rate
@@ -179,7 +179,7 @@ class DrivenRig:
                 if ordered is None:
                     force.let_go()
                 else:
-                    force.hold(ordered.amplitude, ordered.offset, obeyed_from())
+                    force.hold(ordered.amplitude, obeyed_from())
 
             self.motion = replace(self.motion, prove=prove, hold=hold)
 

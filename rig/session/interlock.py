@@ -100,7 +100,10 @@ _ALL = 0.02
 BEYOND_BENCH, _BEYOND_ORDER, _FAINT = 1.1, 1.5, 0.01
 """What sensors and amplifiers may differ by; a force below 1 % of what the bench allows endangers nothing."""
 _DEAD = 1 / 3
-"""Of what an order shows: a sensor that shows less would not show too much either."""
+"""Of what an order shows: a sensor that shows less on the way up would not show too much either."""
+_GONE, _GONE_S = 0.05, 1.0
+"""The same of one that drives steadily, where a resonance may take much of its force; and for how long:
+whoever asks the source says first what became of it."""
 
 
 class ForceWatch:
@@ -139,7 +142,8 @@ class ForceWatch:
         self.amplitude = self.other = self._mean = self._blind = 0.0
         self._beyond = False
         self._taken = self._sound = 0  # samples; those since it was blind
-        self._held: tuple[float, float, float] | None = None  # amplitude and offset, from a sample on
+        self._held: tuple[float, float] | None = None  # amplitude, from a sample on
+        self._gone = 0  # samples for which next to nothing of it shows
         self.frequency_hz = math.nan
         self._phasor = 0j
         self._advances = deque[tuple[float, int]](maxlen=_FREQUENCY_BLOCKS)  # rad too far, samples
@@ -170,7 +174,7 @@ class ForceWatch:
         self._follow(phasor, len(values))
         sine = (phasor * self._turning[-self._lately :].conj()).real
         self.other = self._strength_of(self._values[-self._lately :] - self._mean - sine)
-        return self._beyond_bench() or self._beyond_order()
+        return self._beyond_bench() or self._beyond_order(len(values))
 
     def _strength_of(self, values: NDArray[np.floating]) -> float:
         lines = np.abs(np.fft.rfft(values)[: self._lines]) ** 2
@@ -190,23 +194,32 @@ class ForceWatch:
         shows = f"{self.channel.name} = {max(of_sine, of_all):.4g} {unit}{other}"
         return f"{shows}, where the bench allows {self.highest:g} {unit}{self.of_which(self.highest)}"
 
-    def hold(self, ordered: float, offset: float, from_sample: float) -> None:
-        """Hold all from that sample on (`take`'s first is 0) to an order, N; see `unlike`. For any thread."""
-        self._held = ordered, offset, from_sample
+    def hold(self, ordered: float, from_sample: float) -> None:
+        """Hold the sine from that sample on (`take`'s first is 0) to this amplitude, N. For any thread.
+
+        Half as much again is too much; next to nothing for a second, too little. Not its mean: of an offset a
+        sensor with a corner may show anything on its way.
+        """
+        self._held = ordered, from_sample
 
     def let_go(self) -> None:
         """Hold it to no order: another is given. For any thread."""
         self._held = None
 
-    def _beyond_order(self) -> str:
+    def _beyond_order(self, count: int) -> str:
         held = self._held
-        if held is None or self._taken - len(self._values) < held[2]:
+        if held is None or self._blind or self._taken - len(self._values) < held[1]:
+            self._gone = 0
             return ""
-        ordered, offset, _ = held
-        unlike = self._unlike(self.amplitude, self._mean, ordered, offset)
-        if unlike and self._held is held:
-            self._held = None  # told once
-        return unlike
+        shown, faint = self.shown(held[0]), _FAINT * self.highest
+        gone = self._driven and self.amplitude < _GONE * shown - faint
+        self._gone = self._gone + count if gone else 0
+        # a gauge feels the impacts, which may hold what drives as firmly as it pushes
+        much = self.amplitude > _BEYOND_ORDER * max(shown, held[0]) + faint
+        if not much and self._gone < _GONE_S * self._rate:
+            return ""
+        self._held = None  # told once
+        return self._unlike_order(self.amplitude, held[0], 0.0, much)
 
     def of_which(self, force: float) -> str:
         """How much of a force the channel shows, in words; nothing where it shows all of it."""
@@ -235,17 +248,18 @@ class ForceWatch:
         turning = np.exp(2j * np.pi * frequency_hz * at_s)
         told = np.column_stack([turning.real, turning.imag, np.ones(len(at_s))])
         (real, imaginary, mean), *_ = np.linalg.lstsq(told, self._values, rcond=None)
-        return self._unlike(math.hypot(real, imaginary), mean, ordered, offset)
-
-    def _unlike(self, sine: float, mean: float, ordered: float, offset: float) -> str:
+        sine, force = math.hypot(real, imaginary), math.hypot(real, imaginary) + abs(float(mean))
         shown, faint = self.shown(ordered), _FAINT * self.highest
-        if sine + abs(mean) > _BEYOND_ORDER * (shown + abs(offset)) + faint:
-            check = "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
-        elif self._driven and sine < _DEAD * shown - faint:
+        much = force > _BEYOND_ORDER * (shown + abs(offset)) + faint
+        if much or (self._driven and sine < _DEAD * shown - faint):
+            return self._unlike_order(force, ordered, offset, much)
+        return ""
+
+    def _unlike_order(self, force: float, ordered: float, offset: float, much: bool) -> str:
+        check = "what a volt makes in the bench file (force_per_volt), the amplifier's gain"
+        if not much:
             check = "the sensor and its cable, without which nothing guards the bench; the amplifier"
-        else:
-            return ""
-        shows = f"{self.channel.name} = {sine + abs(mean):.3g} {self.channel.unit}"
+        shows = f"{self.channel.name} = {force:.3g} {self.channel.unit}"
         beside = f" about {offset:.3g}" if offset else ""
         return f"{shows} where {ordered:.3g}{beside} is ordered{self.of_which(ordered)}: {check}"
 

@@ -42,6 +42,8 @@ FEWEST_ROUNDS, MOST_ROUNDS = 3, 7
 _MOVED, _NARROWED = 0.3, 0.8
 _TOLD = 0.5
 """Of its deviation before, which one that is told has at most."""
+_AT_END = 3.5
+"""Deviations before, from which on a value lies at the end of where it was looked for: 1 rig in 2000 does."""
 _TOGETHER = 0.9
 """Correlation from which on two values are told together only."""
 _AS_OPEN = 0.9
@@ -95,16 +97,26 @@ class Known:
         return np.sqrt(np.diag(self.covariance))
 
     def told(self) -> tuple[bool, ...]:
-        """Of each value, whether the runs tell it."""
-        return tuple(bool(each) for each in self.deviation <= _TOLD)
+        """Of each value, whether the runs tell it: not where it may lie beyond where it was looked for."""
+        return tuple(bool(each) for each in (self.deviation <= _TOLD) & (np.abs(self.mean) < _AT_END))
+
+    def at_ends(self) -> list[str]:
+        """Names of values that lie at the end of where they were looked for, and would be told otherwise."""
+        beyond = (self.deviation <= _TOLD) & (np.abs(self.mean) >= _AT_END)
+        return [wide.name for wide, each in zip(self.wides, beyond, strict=True) if each]
+
+    def widened(self, times: Array | float) -> Known:
+        """The same, of each value so many times as wide (n,), where a model leaves something open."""
+        times = np.broadcast_to(times, self.mean.shape)
+        return Known(self.wides, self.mean, self.covariance * np.outer(times, times))
 
     def as_open_as_before(self) -> bool:
         """Whether the runs tell nothing: neither a value nor any combination of several."""
         return bool(np.linalg.eigvalsh(self.covariance)[0] > _AS_OPEN**2)
 
-    def estimates(self, wider: Array | float = 1.0) -> tuple[Estimate, ...]:
-        """Medians and 95 % intervals, `wider` (n,) times where a model leaves something open."""
-        ends = (self.mean + side * wider * _OF_95 * self.deviation for side in (0.0, -1.0, 1.0))
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Medians and 95 % intervals."""
+        ends = (self.mean + side * _OF_95 * self.deviation for side in (0.0, -1.0, 1.0))
         middle, low, high = (self.values(end) for end in ends)
         return tuple(Estimate(*map(float, each)) for each in zip(middle, low, high, strict=True))
 

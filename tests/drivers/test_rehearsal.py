@@ -22,8 +22,9 @@ from drivers.mitsubishi_fr.emulator import process as inverter_process
 from drivers.mitsubishi_fr.emulator import server
 from drivers.mitsubishi_fr.emulator.line_faults import KINDS
 from drivers.ni_daq.emulator import spoilt, wiring
+from drivers.ni_daq.emulator.converter import Converter
 from drivers.ni_daq.emulator.spoilt import SpoiltPlant
-from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Teds, Wire
+from drivers.ni_daq.emulator.wiring import CardWiring, CounterWire, DaqmxError, Input, Teds, Wire
 from drivers.rehearsal import FAULTS, Fault, Rehearsal, rehearsed
 from drivers.scpi.emulator import process as generator_process
 from rig.session import spoilt_disk
@@ -158,11 +159,19 @@ def test_what_is_so_from_the_start_is_none_of_the_plants(name: str) -> None:
     assert np.array_equal(shown(name), WHOLE)
 
 
-def test_a_cable_that_comes_loose_shows_nothing_from_then_on() -> None:
-    loose = shown("daq_card.comes_loose@0.1:channel=contact.force")
-    assert not loose[0, 100:].any()
-    assert np.array_equal(np.delete(loose, range(100, 1000), axis=1), WHOLE[:, :100])
-    assert np.array_equal(loose[1], WHOLE[1])
+def test_a_cable_comes_loose_at_its_time_and_its_input_shows_no_more_than_noise() -> None:
+    plant = SpoiltPlant(Steps(), [rehearsed("daq_card.comes_loose@0.1:channel=contact.force")], seed=1)
+    plant.start(RATE)
+    inputs = [Input(f"cDAQ1Mod1/ai{k}", 1e-2, 10.0, iepe=True) for k in range(2)]
+    wires = {each.physical: Wire(name, 1e-2, 10.0) for each, name in zip(inputs, plant.channels, strict=True)}
+    converter = Converter(CardWiring(wires), plant.channels, inputs, RATE)
+    for block in range(8):
+        shown = plant.advance(25)
+        values, _ = converter.convert(shown, plant.loose)
+        comes = block >= 4
+        assert converter.fed_by(plant.loose) == (["cDAQ1Mod1/ai0"] if comes else [])
+        assert (np.abs(values[0]) < 0.1).all() == comes
+        assert values[1] == pytest.approx(shown[1], abs=0.1)
 
 
 def test_marks_are_left_out_whole_and_as_many_as_were_asked_for() -> None:

@@ -16,9 +16,10 @@ import pytest
 import pyvisa
 
 from daq.clock import SystemClock
-from daq.errors import InstrumentAbsent, InstrumentRefused
+from daq.errors import InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.emulator_process import EmulatedInstrument
 from drivers.protocols.generator import DriveGenerator, DriveSettings
+from drivers.rehearsal import rehearsed
 from drivers.scpi.emulator.process import SourceSetup, start_function_generator
 from drivers.scpi.generator import GeneratorSettings, ScpiGenerator
 from drivers.scpi.language import Choice
@@ -260,6 +261,24 @@ def test_what_an_earlier_client_left_is_cleared(way: int) -> None:
         driver = ScpiGenerator(GeneratorSettings(1.0, 5.0, resource=emulator.addresses[way]))
         driver.open()
         driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
+        driver.close()
+
+
+@pytest.mark.parametrize("how", ["garbled", "unterminated"])
+def test_answers_that_lack_their_end_or_their_sense_end_a_drive(how: str) -> None:
+    setup = SourceSetup(rehearsed=(rehearsed(f"signal_generator.{how}"),))
+    with start_function_generator(setup=setup) as emulator:
+        settings = GeneratorSettings(1.0, 5.0, resource=emulator.address, timeout_s=0.4)
+        driver = ScpiGenerator(settings)
+        driver.open()
+        driver.arm_sine(20.0, 1.0, 0.0, triggered=False)
+        error = InstrumentSilent if how == "unterminated" else InstrumentRefused
+        with pytest.raises(error):  # noqa: PT012 - at the first question after it
+            driver.start()
+            for _ in range(20):
+                driver.check()
+        with pytest.raises(error):  # it went off, and nobody can say so
+            driver.off()
         driver.close()
 
 

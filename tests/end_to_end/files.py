@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from drivers import lock
@@ -15,19 +13,10 @@ SCENARIOS = Path(__file__).parents[2] / "scenarios"
 CHANNELS = ("drive.force", "contact.force_upper", "contact.force_lower", "yoke.force", "base.acceleration")
 
 
-@contextmanager
-def no_latch_left() -> Iterator[None]:
-    """Of an emergency stop within: the next emulated instrument may get the same port."""
-
-    def latches() -> set[Path]:
-        return {each for folder in lock.FOLDERS for each in Path(folder).glob("rattle-*.latch")}
-
-    before = latches()
-    try:
-        yield
-    finally:
-        for each in latches() - before:
-            each.unlink(missing_ok=True)
+def forget_stop(address: str) -> None:
+    """Leave no emergency stop latched: the next emulated instrument may get the same port."""
+    for path in lock.Latch("", address)._paths:
+        Path(path).unlink(missing_ok=True)
 
 
 def write_scenario(

@@ -18,6 +18,7 @@ from drivers.scpi.emulator.process import start_function_generator
 from rig.files.bench import embedded_bench
 from tests.drivers.plants import SinePlant
 from tests.end_to_end.command import await_true
+from tests.end_to_end.files import forget_stop
 
 
 class DriveSpy:
@@ -77,6 +78,7 @@ def spied_generator(onward: Connection | None = None) -> Iterator[tuple[Emulated
             yield generator, spy
         finally:
             generator.close()
+            forget_stop(generator.address)
             spy.join()
 
 

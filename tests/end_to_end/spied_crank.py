@@ -30,6 +30,7 @@ from drivers.scpi.emulator.process import start_dc_supply
 from rig.twin.shaft import EmulatedMotor, LinkedShaft, ShaftCourse
 from sim_twin.rigs.crank_drive import SpeedDrive
 from tests.end_to_end.command import await_true
+from tests.end_to_end.files import forget_stop
 
 RPM, RPM_PER_LEVEL, RAMP_S, WATCHDOG_S = 300.0, 5.0, 1.0, 2.0
 """A level is a hertz of the inverter, or a volt of the supply."""
@@ -254,5 +255,6 @@ def spied_crank(
         finally:
             for instrument in (actuator, card, sensor):
                 instrument.close()
+            forget_stop(actuator.address)
             rehearsal.close()
             spy.join()

@@ -20,19 +20,13 @@ from daq.block import NS_PER_S
 from daq.log.reader import LogReader
 from daq.log.records import STOPPING
 from tests.end_to_end.command import ROOT, await_true, command, rattle
-from tests.end_to_end.files import no_latch_left, write_bench, write_scenario
+from tests.end_to_end.files import write_bench, write_scenario
 from tests.end_to_end.spied_bench import DriveSpy, light_card, spied_generator
 from tests.end_to_end.spied_crank import spied_crank
 
 LINE = "cDAQ1Mod4/port0/line0"
 IN_TIME_S = 0.3
 """Half of it is what a busy machine may add; see tests/drivers for the time itself."""
-
-
-@pytest.fixture(autouse=True)
-def latches() -> Iterator[None]:
-    with no_latch_left():
-        yield
 
 
 @dataclass(frozen=True, slots=True)

@@ -177,8 +177,12 @@ class Acquisition:
     @property
     def open_inputs(self) -> tuple[str, ...]:
         """Inputs with an IEPE supply and nobody to take it."""
-        loose = self._plant.loose if isinstance(self._plant, SpoiltPlant) else ()
-        return (*self._converter.open_inputs, *self._converter.fed_by(loose))
+        return (*self._converter.open_inputs, *self._converter.fed_by(self._loose))
+
+    @property
+    def _loose(self) -> frozenset[str]:
+        """Channels of the plant whose cables have come loose since the start."""
+        return self._plant.loose if isinstance(self._plant, SpoiltPlant) else frozenset()
 
     @property
     def shorted_inputs(self) -> tuple[str, ...]:
@@ -224,7 +228,7 @@ class Acquisition:
                 self._pass_on(self._inbox.take())
                 plant = self._plant.advance(self._block)
                 counted = [counter.take(plant) for counter in self._counters]
-                values, clipped = self._converter.convert(plant)
+                values, clipped = self._converter.convert(plant, self._loose)
                 # Constant from sample to read, so that the time of arrival tells what the machine adds.
                 self._stop.wait(self._due_s() + TRANSFER_S - self._clock.monotonic_s())
                 with self._clipping:

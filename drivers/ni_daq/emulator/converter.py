@@ -50,13 +50,19 @@ class Converter:
         self.open_inputs = tuple(item.physical for item, wire in fed if wire is None)
         self.shorted_inputs = tuple(item.physical for item, wire in fed if wire is not None and wire.shorted)
         self._fed = [(item.physical, wire.plant_channel) for item, wire in fed if wire is not None]
+        self._shows = [(row, wire.plant_channel) for row, wire in wired]
 
     def fed_by(self, plant_channels: Container[str]) -> list[str]:
         """The inputs with a supply whose sensors show these channels."""
         return [physical for physical, channel in self._fed if channel in plant_channels]
 
-    def convert(self, plant: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return values as read, shape (inputs, n), and which inputs clipped, shape (inputs,)."""
+    def convert(
+        self, plant: NDArray[np.float64], loose: Container[str] = ()
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return values as read, shape (inputs, n), and which inputs clipped, shape (inputs,).
+
+        The cables of sensors that show the `loose` channels of the plant are off by now.
+        """
         codes = np.empty((len(self._lsb), plant.shape[1]))
         codes[self._wired] = plant[self._rows] * self._gains
         for row, stages in enumerate(self._stages):
@@ -65,9 +71,10 @@ class Converter:
         for row in self._filtered:
             codes[row] += self._random.normal(0.0, self._noise_v, codes.shape[1]) / self._lsb[row]
         # A loose or shorted input still converts: its own noise, about zero.
-        noise = self._random.standard_normal((len(self._idle), plant.shape[1]))
-        noise *= self._noise_v / self._lsb[self._idle]
-        codes[self._idle] = noise
+        idle = self._idle + [row for row, channel in self._shows if channel in loose]
+        noise = self._random.standard_normal((len(idle), plant.shape[1]))
+        noise *= self._noise_v / self._lsb[idle]
+        codes[idle] = noise
         # Whole codes: what two's complement of 24 bits can say, clipped at either end.
         np.rint(codes, out=codes)
         highest, lowest = codes.max(axis=1), codes.min(axis=1)

@@ -17,7 +17,7 @@ from drivers.rehearsal import Rehearsal, Rehearsed
 
 _BEYOND = 1e12  # of whatever unit: more than any input takes
 _HIGH_V = 1.0  # above the noise of a marker's low level, below its 5 V
-_LASTING = ("marks_missing", "marks_doubled", "marks_late", "offset", "comes_loose")
+_LASTING = ("marks_missing", "marks_doubled", "marks_late", "offset")
 _CHATTER_S, _CHATTERS_EVERY_S = 0.02, 0.1
 _GLITCH_S, _GLITCH_AFTER_S = 5e-4, 0.02  # after the mark, which is over by then from 42 rpm on
 
@@ -57,6 +57,9 @@ class SpoiltPlant:
             if fault.kind == "stop_pressed":
                 self._press()
                 continue
+            if fault.kind == "comes_loose":  # the converter makes of it what an idle input shows
+                self.loose |= {self.channels[self._row(fault)]}
+                continue
             lasts_s = np.inf if fault.kind in _LASTING else fault.number("for")
             self._going.append((self._made + lasts_s * self._rate, self._failure(fault, shown)))
         self._made += count
@@ -65,8 +68,11 @@ class SpoiltPlant:
                 spoil(shown)
         return shown
 
+    def _row(self, fault: Rehearsed) -> int:
+        return next(at for at, name in enumerate(self.channels) if name.endswith(fault.channel))
+
     def _failure(self, fault: Rehearsed, shown: NDArray[np.float64]) -> Callable[[NDArray[np.float64]], None]:
-        row = next(at for at, name in enumerate(self.channels) if name.endswith(fault.channel))
+        row = self._row(fault)
         lot = self._rehearsal.lot.random
         match fault.kind:
             case "marks_missing":
@@ -80,10 +86,7 @@ class SpoiltPlant:
                 return _Chatter(row, fault.number("height"), self._rate)
             case "offset":
                 return partial(_raise, row, fault.number("by"))
-            case "comes_loose":
-                self.loose |= {self.channels[row]}
-        values = {"clips": _BEYOND, "not_finite": np.nan, "comes_loose": 0.0}
-        value = values.get(fault.kind, float(shown[row, 0]))
+        value = {"clips": _BEYOND, "not_finite": np.nan}.get(fault.kind, float(shown[row, 0]))
         part = slice(0, 1) if fault.kind == "not_finite" else slice(None)
 
         def spoil(block: NDArray[np.float64]) -> None:

@@ -67,8 +67,7 @@ def rigs_about(runs: Sequence[Path], *off: float) -> Execute:
 
 
 def written_in(folder: Path) -> list[str]:
-    """All but what was simulated, with which the same command goes on."""
-    return sorted(each.name for each in folder.iterdir() if each.name != ".model.toml.rigs")
+    return sorted(each.name for each in folder.iterdir())
 
 
 @pytest.mark.parametrize("deviation", [1.0, 0.8])
@@ -122,7 +121,7 @@ def test_a_disk_that_is_full_keeps_no_part_of_a_model(
     call: Call, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     was, path = {KEY: 1.5e7}, tmp_path / "model.toml"
-    found = Identification(known_to(0.1), was, 1.0, converged=True, moved=np.zeros(1), next_run=SCENARIO)
+    found = Identification(known_to(0.1), was, 1.0, converged=True, next_run=SCENARIO)
     monkeypatch.setattr(work, "identify", lambda *_: found)
     with monkeypatch.context() as patch:
         full_disk(patch)

@@ -125,37 +125,62 @@ def test_where_nothing_is_driven_no_force_is_too_little() -> None:
     assert shown(11.0, driven=False)[0].unlike(1.125, 0.0, 20.0)
 
 
+def held(
+    ordered: float, amplitude: float, offset: float = 0.0, share: float = 1.0, driven: bool = True
+) -> list[int]:
+    """In which tenths of 2 s something is told of a drive that is held to an order from 0.35 s on."""
+    channel = Channel("drive.force", "N")
+    watch = ForceWatch(channel, 20.0, RATE, HIGHEST_N, lambda force: share * force, driven=driven)
+    watch.hold(ordered, from_sample=3.5 * BLOCK)
+    force = offset + amplitude * np.sin(2 * np.pi * 20.0 * np.arange(2 * int(RATE)) / RATE)
+    return [number for number, block in enumerate(force.reshape(-1, BLOCK)) if watch.take(block)]
+
+
 @pytest.mark.parametrize(
     ("amplitude", "offset", "told"),
     [
-        (5.0, 0.0, False),
-        (7.0, 0.0, False),
-        (2.0, 0.0, False),
-        (8.0, 0.0, True),
-        (1.2, 0.0, True),
-        (5.0, 2.0, False),
-        (5.0, -5.0, True),
-        (0.0, 8.0, True),
+        (5.0, 0.0, []),
+        (7.0, 0.0, []),
+        (8.0, 0.0, [5]),  # once, with the first whole 0.2 s
+        (1.0, 0.0, []),
+        (0.1, 0.0, [14]),  # after a second
+        (5.0, -5.0, []),
     ],
 )
 def test_a_steady_order_is_held_once_all_that_is_looked_over_came_after_it(
-    amplitude: float, offset: float, told: bool
+    amplitude: float, offset: float, told: list[int]
 ) -> None:
-    watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
-    watch.hold(5.0, 0.0, from_sample=3.5 * BLOCK)
-    force = offset + amplitude * np.sin(2 * np.pi * 20.0 * np.arange(int(RATE)) / RATE)
-    said = [bool(watch.take(block)) for block in force.reshape(-1, BLOCK)]
-    assert said == [told and number == 5 for number in range(10)]  # once, with the first whole 0.2 s
+    assert held(5.0, amplitude, offset) == told
+
+
+def test_where_a_gauge_shows_little_of_an_order_impacts_may_make_it_show_all() -> None:
+    assert held(2.0, 2.9, share=0.5) == []
+    assert held(2.0, 3.3, share=0.5) == [5]
+    assert held(2.0, 0.0, share=0.05) == []  # faint, as it was to be
+
+
+def test_nothing_held_is_too_little_where_nothing_is_driven() -> None:
+    assert held(5.0, 0.0, driven=False) == []
+    assert held(5.0, 8.0, driven=False) == [5]
+
+
+def test_what_a_blind_sensor_seems_to_show_is_held_to_nothing() -> None:
+    watch = ForceWatch(Channel("drive.force", "N"), 2.0, RATE, HIGHEST_N)
+    watch.hold(5.0, from_sample=0.0)
+    force = (5.0 * np.sin(2 * np.pi * 2.0 * np.arange(6 * int(RATE)) / RATE)).reshape(-1, BLOCK)
+    for number, block in enumerate(force):
+        blind = 20 <= number < 24
+        assert not watch.take(np.zeros(BLOCK) if blind else block, Flag.NOT_FINITE if blind else Flag.GOOD)
 
 
 def test_another_order_is_held_from_when_it_is_given() -> None:
     watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
     force = np.sin(2 * np.pi * 20.0 * np.arange(int(RATE)) / RATE).reshape(-1, BLOCK)
-    watch.hold(2.0, 0.0, from_sample=0.0)
+    watch.hold(2.0, from_sample=0.0)
     assert not any(watch.take(2.0 * block) for block in force)
     watch.let_go()
     assert not any(watch.take(6.0 * block) for block in force)
-    watch.hold(6.0, 0.0, from_sample=20.0 * BLOCK)
+    watch.hold(6.0, from_sample=20.0 * BLOCK)
     assert not any(watch.take(6.0 * block) for block in force)
     # a person turns the amplifier up
     assert "drive.force = 10.5 N where 6 is ordered" in "".join(watch.take(10.5 * block) for block in force)
