@@ -14,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -187,10 +188,9 @@ class Simulated:
     def of(self, subject: Subject, draws: Sequence[Draw]) -> list[Observed]:
         """The same of another subject, which may be some of the runs."""
         share = 1.0 if subject is self._subject else subject.layout.size / self._subject.layout.size
-        # As many pieces for every core, and in each of what takes long as much as in the others.
-        count = cores() * -(-len(draws) // (cores() * _TOGETHER))
-        pieces = [draws[k::count] for k in range(min(count, len(draws)))]
-        futures = [self._executor.submit(observed, subject, piece) for piece in pieces]
+        # as many pieces for every core
+        pieces = _dealt(draws, cores() * max(1, -(-len(draws) // (cores() * _TOGETHER))))
+        futures = [self._executor.submit(observed, subject, [draws[k] for k in piece]) for piece in pieces]
         for future in futures:
             wait([future], timeout=max(0.0, self._deadline - time.monotonic()))
             if not future.done() and future.cancel():
@@ -199,10 +199,28 @@ class Simulated:
                 self._done += share * len(future.result())
                 self._report(self._done)
         found: list[Observed] = [() for _ in draws]
-        for k, future in enumerate(futures):
+        for piece, future in zip(pieces, futures, strict=True):
             if not future.cancelled():
-                found[k::count] = future.result()
+                for k, each in zip(piece, future.result(), strict=True):
+                    found[k] = each
         return found
+
+
+def _dealt(draws: Sequence[Draw], count: int) -> list[list[int]]:
+    """Which of the draws each of about `count` pieces has.
+
+    Rigs with the same effects in, which are simulated side by side, come into one piece; where all have the
+    same, and of those that are observed more than once, each piece has as many as the others.
+    """
+    effects = [tuple(name for name, _ in draw.effects) for draw in draws]
+    shared = [k for k, draw in enumerate(draws) if len(draw.sensing) > 1]
+    others = [k for k, draw in enumerate(draws) if len(draw.sensing) <= 1]
+    together = len({effects[k] for k in others}) > 1
+    others.sort(key=lambda k: effects[k])
+    cuts = [len(others) * k // count for k in range(count + 1)]
+    parts = [others[a:b] for a, b in pairwise(cuts)] if together else [others[k::count] for k in range(count)]
+    pieces = [[*part, *shared[k::count]] for k, part in enumerate(parts)]
+    return [piece for piece in pieces if piece]
 
 
 def observed(subject: Subject, draws: Sequence[Draw]) -> list[Observed]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_twin.compiled import allocation_free, strict
+from sim_twin.compiled import allocation_free, allocation_free_inlined, strict
 from sim_twin.vector import LANES, fused, load, spread, store
 
 Array = NDArray[np.float64]
@@ -45,44 +45,46 @@ class Decimation:
 
     def advance(self, more: Array, count: int) -> Array:
         """The next `count` outputs, shape (rows, count), once `more` inputs (rows, n) have come."""
-        factor, held = self._factor, self._held.shape[1]
+        factor, more = self._factor, np.ascontiguousarray(more)
         outputs = -(-count // _OUTPUTS) * _OUTPUTS
         columns = outputs + -(-self._taps // factor)
-        # every phase of the samples by itself, so that neighbours are those of one tap
-        phases = np.zeros((factor, len(more), columns))
-        for phase in range(factor):
-            own = self._held[:, phase::factor]
-            rest = more[:, (phase - held) % factor :: factor][:, : columns - own.shape[1]]
-            phases[phase, :, : own.shape[1]] = own
-            phases[phase, :, own.shape[1] : own.shape[1] + rest.shape[1]] = rest
-        places = self._at % factor * len(more) * columns + self._at // factor
-        kept = np.zeros((len(more), outputs))
-        _sums(phases, self._weights, places, self._plain, kept)
-        middle = phases[self._middle % factor, self._plain]
-        kept[self._plain, :count] = middle[:, self._middle // factor :][:, :count]
+        places = self._at % factor * columns + self._at // factor
+        kept = np.empty((len(more), outputs))
+        phases = np.empty((factor, columns))
+        _sums(self._held, more, self._weights, places, self._plain, self._middle, phases, kept)
         past = count * factor
-        self._held = np.hstack([self._held[:, past:], more[:, max(past - held, 0) :]])
+        self._held = np.hstack([self._held[:, past:], more[:, max(past - self._held.shape[1], 0) :]])
         return kept[:, :count]
 
 
 @allocation_free
 def _sums(
-    phases: Array, weights: Array, places: NDArray[np.int64], plain: NDArray[np.bool_], kept: Array
+    held: Array,
+    more: Array,
+    weights: Array,
+    places: NDArray[np.int64],
+    plain: NDArray[np.bool_],
+    middle: int,
+    phases: Array,
+    kept: Array,
 ) -> None:
-    columns = phases.shape[2]
+    """Sums over `held` samples and `more` of them, zeros behind, row by row into `kept` (rows, outputs)."""
+    factor = phases.shape[0]
+    first, count = held.shape[1], held.shape[1] + more.shape[1]
     for r in range(kept.shape[0]):
-        moves = False
-        for p in range(phases.shape[0]):
-            for column in range(columns):
-                if phases[p, r, column] != 0.0:
-                    moves = True
-                    break
-        if plain[r] or not moves:
+        if plain[r]:
+            for k in range(kept.shape[1]):
+                at = middle + k * factor
+                kept[r, k] = 0.0 if at >= count else held[r, at] if at < first else more[r, at - first]
             continue
+        if not (_moves(held[r]) or _moves(more[r])):
+            kept[r] = 0.0
+            continue
+        _split(held[r], more[r], phases)
         for k in range(0, kept.shape[1], _OUTPUTS):
             one, two, three, four = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
             for t in range(weights.size):
-                weight, at = spread(weights[t]), r * columns + places[t] + k
+                weight, at = spread(weights[t]), places[t] + k
                 one = fused(weight, load(phases, at), one)
                 two = fused(weight, load(phases, at + LANES), two)
                 three = fused(weight, load(phases, at + 2 * LANES), three)
@@ -92,6 +94,29 @@ def _sums(
             store(kept, to + LANES, two)
             store(kept, to + 2 * LANES, three)
             store(kept, to + 3 * LANES, four)
+
+
+@allocation_free_inlined
+def _moves(row: Array) -> bool:
+    at = 0
+    while at < row.size and row[at] == 0.0:
+        at += 1
+    return at < row.size
+
+
+@allocation_free_inlined
+def _split(held: Array, more: Array, phases: Array) -> None:
+    """Every phase of the samples by itself, so that neighbours are those of one tap."""
+    factor, columns = phases.shape
+    first, count = held.size, held.size + more.size
+    for p in range(factor):
+        old, every = (first - p + factor - 1) // factor, (count - p + factor - 1) // factor
+        for column in range(min(old, columns)):
+            phases[p, column] = held[column * factor + p]
+        for column in range(old, min(every, columns)):
+            phases[p, column] = more[column * factor + p - first]
+        for column in range(every, columns):
+            phases[p, column] = 0.0
 
 
 # The same bits as scipy.signal.lfilter.

@@ -142,9 +142,8 @@ class Scaled:
         def times(old: Any) -> Any:
             return tuple(each * scale for each in old) if isinstance(old, tuple) else old * scale
 
-        for place in self.places:
-            twin = changed(twin, tuple(place.split(".")), times)
-        return twin
+        affected: AnyTwin = changed(twin, {tuple(place.split(".")): times for place in self.places})
+        return affected
 
 
 @dataclass(frozen=True, slots=True)

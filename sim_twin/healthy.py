@@ -175,11 +175,14 @@ def _place(place: str | Place) -> Place:
 
 def _multiplied(powers: Mapping[Place, int], twin: AnyTwin, offset: float) -> AnyTwin:
     by = max(1 + offset, _LEAST_SHARE)
-    for place, power in powers.items():
-        twin = changed(twin, place, lambda old, power=power: float(old * by**power))  # type: ignore[misc]
-    return twin
+
+    def times(power: int) -> Callable[[float], float]:
+        return lambda old: float(old * by**power)
+
+    multiplied: AnyTwin = changed(twin, {place: times(power) for place, power in powers.items()})
+    return multiplied
 
 
 def _shifted(place: Place, low: float, high: float, twin: AnyTwin, offset: float) -> AnyTwin:
-    shifted: AnyTwin = changed(twin, place, lambda old: float(min(max(old + offset, low), high)))
+    shifted: AnyTwin = changed(twin, {place: lambda old: float(min(max(old + offset, low), high))})
     return shifted

@@ -71,16 +71,18 @@ def part_of(whole: Any, name: str) -> Any:
     return whole[int(name)] if isinstance(whole, tuple) else getattr(whole, name)
 
 
-def changed(whole: Any, place: Place, new: Callable[[Any], Any]) -> Any:
-    """`whole` with what stands at `place` made new; what is None on the way or there stays so."""
-    name, *rest = place
-    old = part_of(whole, name)
-    if old is None:
-        return whole
-    part = changed(old, tuple(rest), new) if rest else new(old)
+def changed(whole: Any, new: Mapping[Place, Callable[[Any], Any]]) -> Any:
+    """`whole` with what stands at these places made new; what is None on the way or there stays so."""
+    steps: dict[str, dict[Place, Callable[[Any], Any]]] = {}
+    for (name, *rest), each in new.items():
+        steps.setdefault(name, {})[tuple(rest)] = each
+    parts = {}
+    for name, further in steps.items():
+        old = part_of(whole, name)
+        if old is not None:
+            parts[name] = further[()](old) if () in further else changed(old, further)
     if isinstance(whole, Mapping):
-        return {**whole, name: part}
+        return {**whole, **parts}
     if isinstance(whole, tuple):
-        at = int(name)
-        return (*whole[:at], part, *whole[at + 1 :])
-    return replace(whole, **{name: part})
+        return tuple(parts.get(str(at), part) for at, part in enumerate(whole))
+    return replace(whole, **parts) if parts else whole

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import jarque_bera
 
 from sim_twin.diagnosis.fingerprint import COUNTED, Cell, Layout
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
@@ -108,6 +107,8 @@ class HealthyBand:
 
 def healthy_band(healthy: Sequence[NDArray[np.floating]], layout: Layout) -> HealthyBand:
     """The band of healthy rigs' fingerprints, each (blocks, numbers)."""
+    from scipy.stats import jarque_bera  # half a second, which a diagnosis without a band need not wait for
+
     figures = np.array(
         [
             _figures(gap_measure([*healthy[:number], *healthy[number + 1 :]], layout), blocks)

@@ -15,8 +15,7 @@ from math import inf, log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
-from scipy.stats import chi2
+from scipy.special import chdtri, ndtr, ndtri
 
 from daq.errors import SimulationFailed
 from sim_twin.diagnosis.matching import followed
@@ -242,7 +241,7 @@ def _posterior(
     places, features = np.array(library.places).reshape(-1, len(about.wides)), np.array(library.features)
     root = np.linalg.cholesky(about.covariance) * wider
     local = np.linalg.solve(root, (places - about.mean).T).T
-    near = np.sum(local**2, axis=1) <= chi2.ppf(_NEAR, len(about.wides))
+    near = np.sum(local**2, axis=1) <= chdtri(len(about.wides), 1.0 - _NEAR)
     if near.sum() < _FEWEST * len(about.wides):
         raise SimulationFailed(
             f"only {near.sum()} of {rigs_of_a_round(len(about.wides))} rigs could be simulated",

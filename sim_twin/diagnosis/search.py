@@ -199,6 +199,8 @@ class Search:
     _leading: Ranked | None = None
     """Motions and rounds, and what came first in the last; what leads, as far as anything does."""
     _all_done: bool = True
+    _learnt: tuple[Library, int, Attribution] | None = None
+    """What was learnt last, of which library when it held so many observations."""
 
     def __post_init__(self) -> None:
         self.causes, self.of_longest = self.causes or self.subject.causes, self.of_longest or self.motions
@@ -384,9 +386,12 @@ class Search:
 
     def learn(self) -> Attribution:
         """What the library says so far."""
-        moments = Moments(self.subject.layout)
-        each = [len(self.measured)] * (int(moments.runs.max()) + 1)
-        return learned(self.library, moments, self.told or each)
+        library, held = self.library, self.library.observations
+        if self._learnt is None or self._learnt[0] is not library or self._learnt[1] != held:
+            moments = Moments(self.subject.layout)
+            each = [len(self.measured)] * (int(moments.runs.max()) + 1)
+            self._learnt = library, held, learned(library, moments, self.told or each)
+        return self._learnt[2]
 
     def singles(self) -> list[Hypothesis]:
         """Nothing, and every effect alone."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from sim_twin.diagnosis.attribution import TEMPER, Attribution
 from sim_twin.diagnosis.cause import is_effect, values_of
@@ -48,7 +48,7 @@ def separability(
                 posterior = attribution.posterior(second.hypothesis, place, rng)
                 values = values_of(second.hypothesis, posterior.places)
                 nearest = np.min(attribution.misfit(second.hypothesis, values, place)) * len(place)
-                found[one, other] = float(norm.cdf(np.sqrt(nearest / TEMPER) / 2))
+                found[one, other] = float(ndtr(np.sqrt(nearest / TEMPER) / 2))
     return found
 
 

@@ -47,7 +47,8 @@ def typical_cycles(
     first = int(np.random.default_rng(seed).integers(2**62))
     draws = [Draw(given, first + k) for given in twins.values() for k in range(_RIGS)]
     shown: dict[int, dict[str, dict[str, Array]]] = {}
-    for number, (setting, simulated) in enumerate(zip(campaign.runs, campaign.records(draws), strict=True)):
+    for number in sorted({run for run, _ in wanted}):
+        (setting,), (simulated,) = campaign.runs[number : number + 1], campaign.only((number,)).records(draws)
         recordings = {"measured": [(records[number], sound[number])]}
         for k, whose in enumerate(twins):
             of_twin = [each for each in simulated[k * _RIGS : (k + 1) * _RIGS] if each is not None]

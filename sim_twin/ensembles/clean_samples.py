@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil, pi
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from sim_twin.decimation import Decimation
 from sim_twin.ensembles.simulate import Variant
@@ -88,9 +88,15 @@ class OneByOne:
 
 
 def _taps(factor: int) -> Array:
-    """A first stage's taps at its input rate: all that would fall onto the last stage's pass band is gone."""
+    """A first stage's taps at its input rate: all that would fall onto the last stage's pass band is gone.
+
+    Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.5), as scipy.signal has it, which
+    each worker would load for a second for these taps alone.
+    """
     if factor == 1:
         return np.ones(1)
-    edge = _PASS / _LAST_FACTOR / factor
-    count, beta = signal.kaiserord(_ATTENUATION_DB, 2 * (1 / factor - 2 * edge))
-    return np.asarray(signal.firwin(count | 1, 0.5 / factor, window=("kaiser", beta), fs=1.0))
+    width = 2 * (1 / factor - 2 * _PASS / _LAST_FACTOR / factor)
+    count = ceil((_ATTENUATION_DB - 7.95) / 2.285 / (pi * width) + 1) | 1
+    k, window = np.arange(count) - count // 2, np.kaiser(count, 0.1102 * (_ATTENUATION_DB - 8.7))
+    taps = np.sinc(k / factor) * window
+    return np.asarray(taps / taps.sum())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -76,11 +77,16 @@ def turning(step: float, count: int) -> NDArray[np.complex128]:
     return np.asarray(np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[:count])
 
 
+@lru_cache(maxsize=8)
+def _hann(count: int) -> Array:
+    return np.hanning(count)
+
+
 def _fitted_sine(values: Array, rate: float, frequency: float) -> Cycles:
     first = drift = 0.0
     for _ in range(2):
         count = int(int(len(values) / 2 * frequency / rate) * rate / frequency)
-        window = np.hanning(count)
+        window = _hann(count)
         turn = window * turning(-2 * np.pi * frequency / rate, count)
         moved = np.exp(-2j * np.pi * frequency / rate * count)
         level = float(np.mean(values))

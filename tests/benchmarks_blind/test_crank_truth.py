@@ -67,6 +67,7 @@ def test_bearing_stiffness_is_the_reference_value() -> None:
     assert hertz_stiffness(1e-3) == pytest.approx(5.03e10, rel=1e-3)
 
 
+@pytest.mark.long
 def test_slider_shakes_as_much_as_the_reference() -> None:
     motion = moved(NOMINAL, 0.3, STEP, 6 * 153_600)
     acceleration = motion.piston[153_600:, 0] / NOMINAL.piston_mass
@@ -219,6 +220,7 @@ def test_frame_resonance_moves_the_peak() -> None:
     assert levels[1][1] > levels[0][1] * 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effects",
     [

@@ -136,6 +136,7 @@ def test_a_result_hangs_on_what_is_imported_and_on_nothing_else(
         assert (made_by(("rig.diagnosis.health",)) != before[0]) == counts
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("module", "steps"),
     [

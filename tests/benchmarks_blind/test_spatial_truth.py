@@ -103,6 +103,7 @@ def test_first_peaks_converge_with_the_step() -> None:
     assert late[1] < late[0] / 4
 
 
+@pytest.mark.long
 def test_flight_is_of_fourth_order() -> None:
     ends = [moved(NOMINAL, 0.0, 3e-3 / count, count).end for count in (75, 150, 300)]
     gaps = [np.abs(ends[i] - ends[i + 1]).max() for i in (0, 1)]

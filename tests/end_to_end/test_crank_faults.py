@@ -95,6 +95,7 @@ def test_ctrl_c_brings_the_motor_down_on_its_ramp(crank: SpiedCrank, tmp_path: P
         assert end_s(reader, "measured") >= stopping.time_ns / NS_PER_S + 0.5
 
 
+@pytest.mark.long
 def test_ctrl_c_again_ends_the_ramp_at_once(tmp_path: Path) -> None:
     with (
         spied_crank(tmp_path, coasts=True) as crank,
@@ -229,6 +230,7 @@ def test_a_trip_ends_the_run_with_code_and_time_in_the_log_and_nobody_resets_it(
     )
 
 
+@pytest.mark.long
 def test_a_killed_run_leaves_a_drive_that_trips_by_itself_and_that_no_run_resets(
     mortal_crank: SpiedCrank, tmp_path: Path
 ) -> None:

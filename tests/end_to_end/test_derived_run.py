@@ -15,6 +15,7 @@ from tests.end_to_end.files import CHANNELS, write_scenario
 from tests.rig.derived.test_live_and_replay import logged, replayed
 
 
+@pytest.mark.long
 def test_replay_of_a_run_derives_what_it_logged_to_the_bit(settled_log: Path) -> None:
     found = logged(settled_log)
     # 2 s at 20 Hz: an event in each half cycle and more on the yoke; 39 or 40 whole cycles.

@@ -168,6 +168,7 @@ def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
     assert verify_log(ended.log).sound
 
 
+@pytest.mark.long
 def test_a_derivation_that_dies_is_told_and_costs_nothing_else(bench: SpiedBench, tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.1, duration_s=1.5)
     with command("run", scenario, "--bench", bench.file, "--out", tmp_path) as run:

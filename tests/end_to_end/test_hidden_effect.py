@@ -15,6 +15,7 @@ from tests.end_to_end.command import Ended
 from tests.end_to_end.conftest import HIDDEN_GAIN
 
 
+@pytest.mark.long
 def test_hidden_gain_shows_in_its_channel_alone(hidden_log: Path) -> None:
     with LogReader(hidden_log) as log:
         measured, predicted = log.table("measured"), log.table("predicted")

@@ -94,6 +94,7 @@ def ask(address: str, command: str) -> None:
         other.recv(16)
 
 
+@pytest.mark.long
 def test_a_generator_out_of_reach_is_switched_off_once_it_is_back_and_no_run_gets_it_before(
     bench: SpiedBench, relay: Relay, tmp_path: Path
 ) -> None:

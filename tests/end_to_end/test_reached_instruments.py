@@ -70,6 +70,7 @@ def test_the_printed_lines_are_a_bench_that_a_run_takes(rig: str, tmp_path: Path
     assert measured == on_the_card | ({"encoder.angle"} if "encoder" in RIGS[rig].extras else set())
 
 
+@pytest.mark.long
 def test_a_run_meets_the_fault_that_was_asked_for_in_the_other_terminal(tmp_path: Path) -> None:
     scenario = write_scenario(tmp_path / "scenario.toml", settle_s=0.5, duration_s=4.0)
     turned = "signal_generator.set_by_another@2:volts=3"

@@ -60,6 +60,7 @@ def test_a_stop_leaves_the_rig_safe_and_the_log_closed(
         assert "run.interrupted" in [event.code for event in log.events()]
 
 
+@pytest.mark.long
 def test_a_stop_while_a_derivation_that_hangs_is_waited_for_ends_the_wait(
     bench: SpiedBench, tmp_path: Path
 ) -> None:

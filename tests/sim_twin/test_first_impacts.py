@@ -83,6 +83,7 @@ def test_hertzian_contact() -> None:
     assert trace.outputs[0] == pytest.approx(expected, abs=3e-3 * expected.max())
 
 
+@pytest.mark.long
 def test_pivot_friction_sticks_and_slips() -> None:
     times = np.arange(round(0.0065 * 204_800)) / 204_800
     trace = solve(replace(STEEL, pivot_friction=0.1), SINE, 0.0065)

@@ -25,6 +25,7 @@ def draws() -> list[Twin]:
     return [MODEL.draw_healthy(TWIN, rng) for _ in range(DRAWS)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("value", "deviation"),
     [

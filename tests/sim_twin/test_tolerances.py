@@ -92,6 +92,7 @@ def test_a_matched_twin_has_what_was_found() -> None:
     assert (twin.rig.beam, twin.rig.clearance, twin.drive) == (BEAM.rig.beam, BEAM.rig.clearance, BEAM.drive)
 
 
+@pytest.mark.long
 def test_healthy_rigs_about_a_matched_twin_differ_by_what_was_left_open() -> None:
     twin, rng = BEAM.model.matched(BEAM, FOUND), np.random.default_rng(3)
     rigs = [twin.model.draw_healthy(twin, rng, rng) for _ in range(1000)]

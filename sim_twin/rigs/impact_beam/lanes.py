@@ -8,6 +8,7 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_twin.compiled import strict
 from sim_twin.lanes.lanes import Harmonics, Lane, Lanes, Stops
 from sim_twin.linear_filter import resonance
 from sim_twin.rigs.impact_beam.model import ImpactBeam
@@ -25,6 +26,9 @@ _FINER = (1, 2, 4)
 """Steps from one instant of a grid to the next: a stiff contact takes several, and still the least time."""
 _FORCES = 4
 """Channels before the accelerations: drive, upper, lower, yoke."""
+_WIDE_BITS = 10
+_WIDE = 1 << _WIDE_BITS
+"""Steps of a grid whose turns of the drive are calculated one by one; all others follow by products."""
 
 
 def resolves(rig: ImpactBeam, rate: float) -> bool:
@@ -96,21 +100,21 @@ class BeamTruths:
         for run, truth in self._alone.items():
             truth.change_drive(twins[run].drive, phases[run], 0.0)
         self._yokes = [resonance(each.rig.yoke_frequency, each.rig.yoke_damping, rate) for each in twins]
+        self._turns = [_turned(2 * pi * each.drive.frequency / rate, np.arange(_WIDE)) for each in twins]
         self._steps = 0
 
     def advance(self, steps: int) -> Array:
         """Next `steps` of the grid, shape (twins, channels, steps)."""
         first, self._steps = self._steps, self._steps + steps
         rows = np.zeros((len(self._twins), len(self._twins[0].channels), steps))
+        wide = np.arange(first // _WIDE, -(-self._steps // _WIDE)) * _WIDE
         for times, (runs, lanes) in self._lanes.items():
-            for run, moved in zip(runs, lanes.advance(times * steps)[:, :, ::times], strict=True):
-                force, accelerations = moved[0], moved[1:]
-                rows[run, 1], rows[run, 2] = np.maximum(force, 0), np.maximum(-force, 0)
-                rows[run, _FORCES : _FORCES + len(accelerations)] = accelerations
+            for run, moved in zip(runs, lanes.advance(times * steps), strict=True):
                 drive = self._twins[run].drive
-                step = 2 * np.pi * drive.frequency / self._rate
-                rows[run, 0] = drive.force_at_steps(self._phases[run], step, first, steps)
-                rows[run, 3] = self._yokes[run](rows[run, 1] - rows[run, 2])
+                coarse = _turned(2 * pi * drive.frequency / self._rate, wide, self._phases[run])
+                harmonics = drive.offset, drive.amplitude, drive.second, drive.third
+                _show(moved, times, coarse, self._turns[run], first % _WIDE, harmonics, rows[run])
+                rows[run, 3] = self._yokes[run](moved[0, ::times])
         for run, truth in self._alone.items():
             rows[run] = truth.advance(steps)
         return rows
@@ -121,6 +125,40 @@ class BeamTruths:
         for runs, lanes in self._lanes.values():
             found |= zip(runs, lanes.statuses, strict=True)
         return [found[run] for run in range(len(self._twins))]
+
+
+def _turned(step: float, steps: NDArray[np.int64], phase: float = 0.0) -> NDArray[np.complex128]:
+    return np.asarray(np.exp(1j * (phase + step * steps)))
+
+
+@strict
+def _show(
+    moved: Array,
+    times: int,
+    coarse: NDArray[np.complex128],
+    fine: NDArray[np.complex128],
+    first: int,
+    harmonics: tuple[float, float, float, float],
+    rows: Array,
+) -> None:
+    """Drive, forces of both stops and accelerations of a run that has `moved`, every so many `times` a step.
+
+    The drive's phase turns by `coarse` times `fine`, from the `first` of these on, in place of sines.
+    """
+    offset, amplitude, second, third = harmonics
+    for k in range(rows.shape[1]):
+        turn = coarse[(first + k) >> _WIDE_BITS] * fine[(first + k) & (_WIDE - 1)]
+        force = turn.imag
+        if second != 0.0 or third != 0.0:
+            double = turn * turn
+            force += second * double.imag + third * (double * turn).imag
+        rows[0, k] = offset + amplitude * force
+        stop = moved[0, k * times]
+        rows[1, k] = 0.0 if stop <= 0.0 else stop  # what has diverged is no number in both
+        rows[2, k] = 0.0 if stop >= 0.0 else -stop
+    for row in range(1, moved.shape[0]):
+        for k in range(rows.shape[1]):
+            rows[_FORCES - 1 + row, k] = moved[row, k * times]
 
 
 def _finer(rig: ImpactBeam, rate: float) -> int | None:

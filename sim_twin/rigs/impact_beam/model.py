@@ -268,17 +268,3 @@ class SineDrive:
         """Force in N at phases p (rad), same shape."""
         second, third = self.second * np.sin(2 * phase), self.third * np.sin(3 * phase)
         return np.asarray(self.offset + self.amplitude * (np.sin(phase) + second + third))
-
-    def force_at_steps(self, phase: float, step: float, first: int, count: int) -> NDArray[np.float64]:
-        """Force in N at phases `phase` + k `step` (rad), `count` of them from k = `first` on, without sines.
-
-        The same bits at the same k, wherever the first is.
-        """
-        wide = 256
-        coarse = np.exp(1j * (phase + step * wide * np.arange(first // wide, -(-(first + count) // wide))))
-        turn = np.outer(coarse, np.exp(1j * step * np.arange(wide))).ravel()[first % wide :][:count]
-        force = self.offset + self.amplitude * turn.imag
-        if self.second or self.third:
-            double = turn * turn
-            force = force + self.amplitude * (self.second * double.imag + self.third * (double * turn).imag)
-        return np.asarray(force)

@@ -25,7 +25,7 @@ from sim_twin.twin import AnyTwin, changed
 
 def _frame(twin: AnyTwin, values: ParameterValues) -> AnyTwin:
     place, scale = ("rig", "frames", str(values["channel"]), "frequency"), float(values["frequency_scale"])
-    affected: AnyTwin = changed(twin, place, lambda frequency: frequency * scale)
+    affected: AnyTwin = changed(twin, {place: lambda frequency: frequency * scale})
     return affected
 
 

@@ -242,6 +242,7 @@ def test_every_chunk_can_be_read_alone(ramp: Path) -> None:
                 assert len(log.series("measured", name).values) >= BLOCK
 
 
+@pytest.mark.long
 def test_a_flip_behind_the_data_is_no_sound_log(ramp: Path, tmp_path: Path) -> None:
     """In its index, summary or footer, bit by bit: what the samples are called, and where, stands there."""
     whole, begin = ramp.read_bytes(), data_end(ramp)

@@ -95,6 +95,7 @@ def test_a_hundred_chunks_of_zeros_without_an_index(tmp_path: Path) -> None:
         LogReader(crashed_file(tmp_path / "log.mcap", *[one] * 100)).open()
 
 
+@pytest.mark.long
 def test_millions_of_empty_messages(tmp_path: Path) -> None:
     one = chunk(record(5, struct.pack("<HIQQ", 0, 0, 0, 0)) * 1_000_000)
     path = finished_file(tmp_path / "log.mcap", [one] * 4)
@@ -164,6 +165,7 @@ def test_a_chunk_that_the_index_does_not_have_is_told(tmp_path: Path) -> None:
     assert recover_log(path, tmp_path / "recovered.mcap").recovered_from == verify_log(path).damage
 
 
+@pytest.mark.long
 def test_chunks_by_the_thousand_inside_one_another(tmp_path: Path) -> None:
     """Behind damage a chunk is looked for byte by byte, and each of these unpacks to 64 MiB."""
     bomb = chunk(record(0x80, bytes(64 * MIB - 9)))
@@ -404,6 +406,7 @@ def test_samples_by_the_hundred_thousand_one_by_one_are_read(tmp_path: Path) -> 
         assert len(log.series("measured", "a")) == number
 
 
+@pytest.mark.long
 def test_a_long_log_of_constants_is_read(tmp_path: Path) -> None:
     """Three minutes of 64 channels that stand still shrink to less than a four-hundredth."""
     path = tmp_path / "log.mcap"

@@ -78,6 +78,7 @@ def nominal() -> AnyTwin:
     return twin_of(parse_scenario(SCENARIO))
 
 
+@pytest.mark.long
 def test_a_reference_run_gives_a_model_that_predictions_use(
     call: Call, reference: Path, tmp_path: Path
 ) -> None:

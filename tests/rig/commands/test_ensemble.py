@@ -98,6 +98,7 @@ def test_the_table_and_the_rows_hold_the_figures_of_every_run(call: Call, tmp_pa
     }
 
 
+@pytest.mark.long
 def test_a_cluster_gives_the_same_bits(tmp_path: Path) -> None:
     file, out = scenario(tmp_path), tmp_path / "runs.csv"
     with local_cluster() as address:
@@ -166,6 +167,7 @@ def test_wrong_use_is_one_clear_line(
     assert len(answer.err.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_healthy_rigs_of_a_lab_are_those_of_its_model(call: Call, tmp_path: Path) -> None:
     lab = tmp_path / "lab.toml"
     head = 'rig = "impact_beam"\nruns = ["a.mcap"]\nscenarios = ["a"]\n\n[tolerances]\n'

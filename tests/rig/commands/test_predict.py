@@ -224,6 +224,7 @@ duration = "0.1 s"
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cover", ["none", "aluminium", "fibreglass"])
 def test_a_flexible_base_moves_and_its_cover_with_it(call: Call, tmp_path: Path, cover: str) -> None:
     path = tmp_path / "base.toml"

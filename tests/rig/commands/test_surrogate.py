@@ -49,6 +49,7 @@ def test_it_learns_and_says_from_what_and_how_well(call: Call, logs: list[Path],
     assert all(0.8 < each["rmse"] / each["rmse_floor"] < 2.5 for each in about["tested"].values())
 
 
+@pytest.mark.long
 def test_it_speaks_beside_measurement_and_twin(call: Call, logs: list[Path], tmp_path: Path) -> None:
     assert train(call, logs, tmp_path / "crank.npz").code == 0
     before, target = logs[0].read_bytes(), tmp_path / "beside.mcap"

@@ -66,6 +66,7 @@ def test_a_healthy_spatial_rig_is_struck_as_often_in_socket_and_guide_as_one_cou
         assert counted[name] == pytest.approx(eye, rel=0.1)
 
 
+@pytest.mark.long
 def test_the_rule_finds_as_many_blows_on_a_healthy_spatial_twin_as_on_the_emulated_bench() -> None:
     """7.1 a revolution in the socket and 14.8 on a point of the guide that carries it.
 

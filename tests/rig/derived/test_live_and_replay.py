@@ -107,6 +107,7 @@ def test_what_a_replay_derives_is_what_the_run_logged_to_the_bit(live_log: Path)
     assert replayed(live_log) == found
 
 
+@pytest.mark.long
 def test_a_log_that_does_not_say_what_was_settled_gives_the_same(live_log: Path, tmp_path: Path) -> None:
     forgetful = tmp_path / "forgetful.mcap"
     with LogReader(live_log) as log, LogWriter(forgetful) as copy:

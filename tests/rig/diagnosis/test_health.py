@@ -80,6 +80,7 @@ def test_the_next_step_is_a_command_that_goes_by_the_models_twin() -> None:
     assert f"diagnose '{log}' --model MODEL.toml --out answer" in _next_step(log, matched=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "damaged", [lambda _: b"", lambda whole: whole[:100], lambda whole: bytes(len(whole))]
 )

@@ -129,3 +129,20 @@ def test_workers_start_with_the_first_piece_of_work_and_end_with_the_context(
         assert shown(simulated(draws(2))) == [0, 1]
         assert happened == ["2 started"]
     assert happened == ["2 started", "ended"]
+
+
+def test_rigs_with_the_same_effects_in_come_together_and_what_is_observed_often_is_spread() -> None:
+    kinds = [Draw(((name, {}),), seed) for seed, name in enumerate("abc" * 8)]
+    often = [Draw((), 100 + seed, sensing=((), ())) for seed in range(8)]
+    asked: list[list[Draw]] = []
+
+    class Kept(Numbered):
+        def observe(self, draws: Sequence[Draw]) -> list[Observed]:
+            asked.append(list(draws))
+            return super().observe(draws)
+
+    simulated = Simulated(Kept(), Here(), time.monotonic() + LATER, lambda _: None)
+    assert shown(simulated([*kinds, *often])) == [draw.seed for draw in (*kinds, *often)]
+    assert [len(piece) for piece in asked] == [8, 8, 8, 8]
+    effects = [[draw.effects[0][0] for draw in piece if draw.effects] for piece in asked]
+    assert [len(set(piece)) for piece in effects] == [1, 2, 2, 1]

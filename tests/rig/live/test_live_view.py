@@ -89,6 +89,7 @@ def test_a_stalled_viewer_costs_the_caller_neither_time_nor_memory(view: LiveVie
     assert wait_until(lambda: gone(stalled))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("which", EACH)
 def test_a_killed_viewer_is_not_noticed_by_the_caller(view: LiveView, which: str) -> None:
     processes = view.processes
@@ -106,6 +107,7 @@ def test_a_stalled_page_process_makes_the_view_drop_and_count(view: LiveView) ->
     assert view.dropped > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("which", ["page", "time_line"])
 def test_reruns_server_dies_with_what_feeds_it(view: LiveView, which: str) -> None:
     os.kill(getattr(view.processes, which), signal.SIGKILL)
@@ -170,6 +172,7 @@ def test_offering_16_channels_at_51200_hz_takes_under_3_percent_of_a_core(view: 
     assert view.dropped == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.parametrize("which", ["time_line", "server"])
 def test_the_page_is_told_also_once_the_time_line_is_gone_or_hangs_and_that_it_is_over(

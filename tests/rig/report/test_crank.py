@@ -263,6 +263,7 @@ def test_a_hole_in_the_record_ends_a_block_of_turns_and_no_more(run: RunRecord) 
     assert np.abs(drawn_values(mean)).max() == pytest.approx(1.0, rel=3e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("beside", [crank_run.ENCODER, Channel("bearing.temperature", "K")])
 def test_what_has_another_rate_than_the_angle_takes_nothing_from_the_rest(
     run: RunRecord, tmp_path: Path, beside: Channel

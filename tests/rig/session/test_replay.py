@@ -297,6 +297,7 @@ def test_a_hole_out_of_this_world_is_not_filled(tmp_path: Path) -> None:
         replay_log(path, 0, None, silent_screen(), SteppedClock())
 
 
+@pytest.mark.long
 def test_hours_without_end_between_blocks_are_not_counted_through(tmp_path: Path) -> None:
     """720 000 cycles of the drive in ten blocks of nine samples, and a thousand more blocks."""
     path = of_drive(tmp_path / "log.mcap", RATE, (round(number * 3590 * RATE) for number in range(1000)))

@@ -154,6 +154,7 @@ def by_turn(setting: Setting, seconds: float) -> dict[str, np.ndarray]:
     return {name: row if name == ANGLE else row * sizes[turns] for name, row in rows.items()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("show", "right"), [(shown, True), (stepping, False), (by_turn, False)])
 def test_only_one_that_its_own_test_finds_right_may_stand_in(tmp_path: Path, show, right: bool) -> None:
     logs = [write_log(tmp_path / f"{gap}.mcap", Setting(gap, 1, 300), 6.0, show=show) for gap in (1, 2)]

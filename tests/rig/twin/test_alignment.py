@@ -92,6 +92,7 @@ def test_an_offset_is_no_phase() -> None:
     assert difference(found.phase, 1.0) == pytest.approx(0.0, abs=5e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("frequency", "offset", "seconds"), [(20.0, 9e-4, 60.0), (200.0, -9e-4, 20.0)])
 def test_a_long_record_is_followed_within_the_whole_tolerance(
     frequency: float, offset: float, seconds: float

@@ -37,6 +37,7 @@ def found(sizes: Sequence[tuple[str, float]], seed: int, execute: Counting | Non
     return diagnose(TOY, recording(effects, RIG + seed), EFFORT, execute or Counting(), seed)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 def test_three_effects_are_found_with_their_sizes(seed: int) -> None:
     findings = found(THREE, seed)

@@ -24,6 +24,7 @@ def found(sizes: Sequence[tuple[str, float]], seed: int, subject: Toy = DOUBTING
     return diagnose(subject, recording(effects, RIG + seed), EFFORT, subject.observe, seed)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 def test_a_wrong_value_is_unknown_to_the_catalogue_and_told_with_its_size(seed: int) -> None:
     findings = found(((LENGTH.name, 3.0),), seed)

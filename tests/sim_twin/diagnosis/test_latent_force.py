@@ -53,6 +53,7 @@ def curve_of(found: list[LatentForce], joint: str, axis: Axis) -> Curve:
     return next(curve for curve in latent.curves if curve.axis is axis)
 
 
+@pytest.mark.long
 def test_a_spring_of_another_program_shows_as_a_line_over_displacement() -> None:
     from benchmarks.blind.crank.record import record
 

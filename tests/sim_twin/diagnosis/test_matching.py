@@ -98,6 +98,7 @@ def test_the_rig_of_another_program_is_found() -> None:
     assert known.deviation[known.names.index("shaker_mass")] > 0.95
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
     [

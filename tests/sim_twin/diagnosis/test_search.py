@@ -133,6 +133,7 @@ def test_a_healthy_recording_lies_no_farther_off_than_nine_in_ten_rigs_that_noth
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_a_response_that_no_cause_gives_is_unknown(seed: int) -> None:
     findings = found((("strange", 3.0),), seed)
@@ -143,6 +144,7 @@ def test_a_response_that_no_cause_gives_is_unknown(seed: int) -> None:
     assert findings.gap.after == findings.gap.before > 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 def test_of_two_that_look_alike_each_names_the_other(seed: int) -> None:
     findings = found((("aspect", 2.0),), seed)

@@ -15,7 +15,7 @@ from sim_twin.ensembles.simulate import Outcome, Variant, simulate
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.base.model import flexible_base
 from sim_twin.rigs.impact_beam.base.standing import standing_on
-from sim_twin.rigs.impact_beam.structure import structure_of
+from sim_twin.rigs.impact_beam.structure import _structure_of
 from sim_twin.rigs.planar_slider_crank.model import PlanarSliderCrank
 from sim_twin.status import Status
 from sim_twin.twin import Twin
@@ -81,7 +81,7 @@ def test_a_division_by_zero_is_a_fault_of_the_program() -> None:
 
 def test_a_worker_process_gives_the_bits_of_this_one() -> None:
     """Threads of linear algebra in one of them would change last bits of a flexible base's modes."""
-    structure_of.cache_clear()
+    _structure_of.cache_clear()
     standing_on.cache_clear()
     standing_on(flexible_base())  # as another test leaves it behind
     flexible = replace(BEAM, rig=replace(BEAM.rig, base=flexible_base()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from sim_twin.parts.frame import Bar
 from sim_twin.rigs.impact_beam.base.model import FlexibleBase, Shaker, Yoke, flexible_base
 from sim_twin.rigs.impact_beam.base.standing import standing_on, unreduced
 from sim_twin.rigs.impact_beam.model import ImpactBeam, SineDrive, nominal
-from sim_twin.rigs.impact_beam.structure import deflection_shapes, structure_of
+from sim_twin.rigs.impact_beam.structure import BESIDE, _structure_of, deflection_shapes, structure_of
 from tests.sim_twin.solver import RATE, driven
 
 _5_HZ = SineDrive(9.0, 5.0)
@@ -85,6 +85,24 @@ def test_the_structure_is_stable_and_mass_normalised(beam: str) -> None:
     damping = np.linalg.eigvalsh((s.C + s.C.T) / 2)
     assert damping.min() > -1e-9 * damping.max()
     assert pytest.approx(np.diag(np.diag(s.K))) == s.K
+
+
+@pytest.mark.parametrize("base", [None, BaseMass(400.0, 1.5, 0.02), flexible_base(modes=4, elements=10)])
+def test_a_structure_hangs_on_neither_stop_nor_yoke_nor_friction(
+    base: BaseMass | FlexibleBase | None,
+) -> None:
+    of = replace(nominal(), base=base)
+    other = replace(
+        of, clearance=3e-4, rest_offset=1e-4, contact_stiffness=2e6, contact_damping=3.0, hertz=1e9,
+        pivot_friction=0.1, yoke_frequency=300.0, yoke_damping=0.2, stinger_gauge=True,
+    )  # fmt: skip
+    assert BESIDE.keys() == {
+        each.name for each in fields(of) if getattr(of, each.name) != getattr(other, each.name)
+    }
+    one, two = _structure_of(of), _structure_of(other)
+    for each in fields(one):
+        assert np.array_equal(getattr(one, each.name), getattr(two, each.name)), each.name
+    assert structure_of(of) is structure_of(other)
 
 
 def test_the_drive_presses_the_beam_on_its_stop_as_on_a_rigid_base() -> None:

@@ -28,6 +28,7 @@ def covered(kind: str, **changes: float) -> ImpactBeam:
     return replace(nominal(), base=replace(base, cover=cover))
 
 
+@pytest.mark.long
 def test_the_box_rises_and_turns_with_its_whole_mass() -> None:
     M = box_of(ALUMINIUM).component.elastic.M[:RIGID, :RIGID]
     a, b, h = ALUMINIUM.length, ALUMINIUM.width, ALUMINIUM.height
@@ -86,6 +87,7 @@ def test_a_cover_that_is_not_fixed_changes_nothing() -> None:
     assert peaks[0] == pytest.approx(peaks[1], rel=2e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["aluminium", "fibreglass"])
 def test_its_accelerometers_are_channels(kind: str) -> None:
     rig = replace(covered(kind), stations=(50,))

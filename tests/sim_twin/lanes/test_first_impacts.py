@@ -142,6 +142,7 @@ def test_pivot_friction_is_that_of_an_independent_integrator() -> None:
     assert found == pytest.approx(expected[0] - expected[1], abs=2e-3 * np.abs(expected).max())
 
 
+@pytest.mark.long
 def test_a_pivot_that_sticks_holds_the_beam_still() -> None:
     twin = Twin(replace(STEEL, pivot_friction=10.0, stations=(100,)), SineDrive(1.0, 5.0))
     _, _, tip = beam_lanes([twin], RATE, accelerations=True).advance(round(0.05 * RATE))[0]

@@ -21,6 +21,7 @@ def simulation(step: float) -> Simulation[mechanism.GuidedSliderCrank]:
     return Simulation(mechanism.run, p, START, 4, mechanism.OUTPUTS, TIGHT, step)
 
 
+@pytest.mark.long
 def test_before_the_first_contact() -> None:
     # Reference: a solution at 1e-12, printed with seven digits, so half a unit of the last one.
     outputs = simulation(1e-3).advance(2).outputs

@@ -40,6 +40,7 @@ def side_by_side(*lanes: Lane) -> LaneSimulation:
     return LaneSimulation(falling_mass.SIDE_BY_SIDE, lanes, STEP)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", range(4))
 def test_a_lane_goes_as_a_run_of_its_own(number: int) -> None:
     lane = falling(number)

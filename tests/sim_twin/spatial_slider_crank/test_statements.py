@@ -48,11 +48,13 @@ def cycle_peaks(trace: Trace, point: int) -> np.ndarray:
     return trace.outputs[point].reshape(-1, PER_TURN).max(axis=1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rpm", [130, 144])
 def test_no_start_gives_impacts_well_below_150_rpm(rpm: float) -> None:
     assert max(impacts_a_turn(RIG, rpm)) == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rpm", [156, 200])
 def test_every_start_gives_many_a_turn_well_above_150_rpm(rpm: float) -> None:
     # 27 to 60 in 18 starts on three processors

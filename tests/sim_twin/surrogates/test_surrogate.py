@@ -33,6 +33,7 @@ def three_clearances() -> Samples:
     return Samples.joined([turning(clearance=each, seed=number) for number, each in enumerate((1, 1.5, 2))])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "given"), [("rbf", {"max_units": 40}), ("grnn", {})])
 def test_a_clearance_between_those_it_learnt_is_predicted(kind, given) -> None:
     several = [turning(clearance=1 + number / 8, seed=number) for number in range(9)]
