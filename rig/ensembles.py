@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -24,6 +25,7 @@ from threadpoolctl import threadpool_limits
 from daq.errors import RattleError
 from daq.process import OF_THE_TERMINAL, begin_as_child, deaf, imports_nothing_here
 from rig.rigs import RIGS
+from sim_twin.diagnosis.library import FEWEST
 from sim_twin.diagnosis.subject import Draw, Observed, Subject
 from sim_twin.ensembles.figures import Spread, failures, spread_of
 from sim_twin.ensembles.simulate import Outcome
@@ -209,16 +211,22 @@ class Simulated:
 def _dealt(draws: Sequence[Draw], count: int) -> list[list[int]]:
     """Which of the draws each of about `count` pieces has.
 
-    Rigs with the same effects in, which are simulated side by side, come into one piece; where all have the
-    same, and of those that are observed more than once, each piece has as many as the others.
+    Rigs with the same effects in, which are simulated side by side, come into one piece: of each kind first
+    as many as tell anything of it, then the others, for there may not be time for all. Of those that are
+    observed more than once each piece has as many as the others.
     """
-    effects = [tuple(name for name, _ in draw.effects) for draw in draws]
     shared = [k for k, draw in enumerate(draws) if len(draw.sensing) > 1]
-    others = [k for k, draw in enumerate(draws) if len(draw.sensing) <= 1]
-    together = len({effects[k] for k in others}) > 1
-    others.sort(key=lambda k: effects[k])
-    cuts = [len(others) * k // count for k in range(count + 1)]
-    parts = [others[a:b] for a, b in pairwise(cuts)] if together else [others[k::count] for k in range(count)]
+    others = list[tuple[bool, tuple[str, ...], int]]()
+    seen = Counter[tuple[str, ...]]()
+    for k, draw in enumerate(draws):
+        if len(draw.sensing) <= 1:
+            effects = tuple(name for name, _ in draw.effects)
+            others.append((seen[effects] >= FEWEST, effects, k))
+            seen[effects] += 1
+    if len(seen) > 1:
+        others.sort()
+    cuts = [-(-len(others) * k // count) for k in range(count + 1)]
+    parts = [[k for *_, k in others[a:b]] for a, b in pairwise(cuts)]
     pieces = [[*part, *shared[k::count]] for k, part in enumerate(parts)]
     return [piece for piece in pieces if piece]
 

@@ -78,9 +78,10 @@ def changed(whole: Any, new: Mapping[Place, Callable[[Any], Any]]) -> Any:
         steps.setdefault(name, {})[tuple(rest)] = each
     parts = {}
     for name, further in steps.items():
-        old = part_of(whole, name)
-        if old is not None:
-            parts[name] = further[()](old) if () in further else changed(old, further)
+        part, own = part_of(whole, name), further.pop((), None)
+        if part is not None:
+            part = changed(part, further) if further else part
+            parts[name] = part if own is None else own(part)
     if isinstance(whole, Mapping):
         return {**whole, **parts}
     if isinstance(whole, tuple):

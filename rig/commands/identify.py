@@ -39,7 +39,6 @@ def identify(
     budget: Annotated[float, typer.Option("--budget", min=1, help="Seconds to simulate, at most.")] = 1200,
 ) -> None:
     from daq.disk import write_whole
-    from daq.errors import RattleError
     from rig.diagnosis import identify as work
     from rig.diagnosis.recordings import recorded
     from rig.files.out_folder import require_new
@@ -58,15 +57,14 @@ def identify(
     others = [is_log(path) for path in responses or []]
     screen = Screen(Terminal())
     data, wides, campaign = work.read_for(runs, others, keys, screen)
-    folder = out.with_name(f".{out.name}.rigs")
+    folder, plain = out.with_name(f".{out.name}.rigs"), recorded(runs)
     try:
-        found = work.identify(data, wides, campaign, recorded(runs), folder, seed, budget, screen)
+        found = work.identify(data, wides, campaign, plain, folder, seed, budget, screen)
     except KeyboardInterrupt:
         screen.say(f"what was simulated is kept in {folder}; the same command goes on there")
         raise
-    except RattleError as error:
-        if not isinstance(error, work.OutOfTime):  # no other search would go on there
-            work.discard(folder)
+    except work.Refused:
+        work.discard(folder)
         raise
     names = [path.name for path in data.paths]
     scenarios = list(dict.fromkeys(parse_scenario(text).name for text in data.scenarios))
@@ -89,7 +87,7 @@ def _show(found: Identification, rig: str, screen: Screen) -> None:
     for row in rows(found, rig):
         table.add_row(*row)
     screen.console.print(table)
-    if not all(found.known.told()):
+    if any(found.known.open()):
         screen.warn("not told: known hardly better than before these runs; it only goes with the others")
     for one, other in found.known.together():
         screen.warn(TOGETHER.format(one, other))

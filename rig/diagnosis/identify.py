@@ -6,7 +6,6 @@ import hashlib
 import shutil
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from io import BytesIO
@@ -169,6 +168,10 @@ class OutOfTime(RattleError):
     """What has been simulated by then is kept."""
 
 
+class Refused(RattleError):
+    """No such rig: the same command would say so again."""
+
+
 _GROUP = 8
 """Draws that are kept in one file, on however many cores."""
 
@@ -309,7 +312,7 @@ def last_of(rounds: Iterable[Round], screen: Screen) -> Round:
         )
         if number == 1:
             if each.known.as_open_as_before():
-                raise _nothing_told(wides)
+                raise _nothing_told(each.known)
             if untold := [wide.name for wide, is_told in zip(wides, told, strict=True) if not is_told]:
                 screen.warn(f"not told so far: {listed(untold)}; rounds nearer by may tell more")
         for pair in each.known.together():
@@ -319,9 +322,11 @@ def last_of(rounds: Iterable[Round], screen: Screen) -> Round:
     return each
 
 
-def _nothing_told(wides: Sequence[Wide]) -> RattleError:
-    return RattleError(
-        f"these runs tell none of {listed([wide.name for wide in wides])}: nothing was written. Free "
+def _nothing_told(known: Known) -> Refused:
+    if ends := known.at_ends():
+        return Refused(f"nothing was written: {'; '.join(AT_END.format(name) for name in ends)}")
+    return Refused(
+        f"these runs tell none of {listed([wide.name for wide in known.wides])}: nothing was written. Free "
         "fewer at once, give narrower ranges, or add runs at other settings"
     )
 
@@ -339,7 +344,7 @@ def of_one_rig(
     others = max((gap for number, gap in enumerate(gaps) if number != worst), default=inf)
     farthest = max(measure.of_runs(rig)[worst] for rig in healthy)
     if others <= _NOT_THIS_RIG and gaps[worst] > max(_NOT_THIS_RIG, farthest, _STANDS_OUT * others):
-        raise RattleError(
+        raise Refused(
             f"{names[worst]} does not fit, though the other runs do: with the values found its gap is "
             f"{gaps[worst]:.2f}, theirs {others:.2f} at most (1 is a healthy rig's). It may be of another "
             "rig, of this one in another state, or show what the twin lacks: nothing was written. Leave it "
@@ -352,7 +357,7 @@ def of_one_rig(
             continue
         usual = max(measure.between(rig[:1], one, other) or 0.0 for rig in healthy)
         if apart > max(_NOT_THIS_RIG, _STANDS_OUT * usual):
-            raise RattleError(
+            raise Refused(
                 f"{names[one]} and {names[other]} were recorded at one setting and lie a gap of {apart:.2f} "
                 f"from one another, where two runs of a healthy rig lie {usual:.2f} at most. They may be of "
                 "two rigs, or of one in two states: nothing was written. Identify each by itself"
@@ -396,7 +401,7 @@ def identify(
             found = last_of(fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told), screen)
         known = found.known
         if not any(known.told()):
-            raise _nothing_told(wides)
+            raise _nothing_told(known)
         best = {wide.name: float(v) for wide, v in zip(wides, known.values(known.mean), strict=True)}
         kind = RIGS[campaign.rig]
         given = parse_scenario(plain.scenarios[0]).model
@@ -413,21 +418,18 @@ def identify(
         gaps = of_one_rig(plain, measure, healthy)
         gap = measure.total(measure.cells(plain.measured))
         if gap > _NOT_THIS_RIG:
-            raise RattleError(
+            raise Refused(
                 f"the best such rig still lies a gap of {gap:.2f} from these runs (1 is a healthy rig's), so "
                 "something else is missing or wrong: nothing was written. rattle diagnose may tell what"
             )
         moving = np.zeros_like(found.moved) if found.converged else found.moved
         known = known.widened(max(1.0, gap) * np.hypot(1.0, moving))
         if not any(known.told()):
-            raise _nothing_told(wides)
+            raise _nothing_told(known)
         more = None
-        if not all(known.told()):
+        if any(known.open()):
             screen.say("looking for a further run that would tell more ...")
-            try:
-                more = _next_run(plain, known, kept, np.random.default_rng([seed, 1]))
-            except OutOfTime:
-                screen.warn("there was no time to look for a further run that would tell more")
+            more = _next_run(plain, known, kept, np.random.default_rng([seed, 1]))
     of_runs = zip([path.name for path in plain.paths], gaps, strict=True)
     return Identification(known, was, gap, found.converged, more, tuple(of_runs))
 
@@ -451,9 +453,9 @@ def _next_run(
 ) -> str | None:
     """The scenario of one more run that would tell most of what is not told yet, headed by how much.
 
-    None where no run would tell more.
+    None where no run would tell more, or there is no time to look for one.
     """
-    open_ones = ~np.array(known.told())
+    open_ones = np.array(known.open())
     columns, quiet = plain.campaign.runs[0].columns, plain.campaign.runs[0].quiet
     given = parse_scenario(plain.scenarios[0]).model
     names = [wide.name for wide in known.wides]
@@ -467,21 +469,25 @@ def _next_run(
             continue  # what is looked for is not set anew
         runs = [_narrow((), Path(), each) for each in option.campaign.runs]  # as it would be looked at
         more = identifying(runs, [scenario], names)
-        with suppress(SimulationFailed):
+        try:
             deviations = after_one_more(more, known, kept(more, False), rng)
-            left = float(np.sum(np.log(deviations[open_ones])))
-            if left < least - _WORTH_IT:
-                best, least = f"{_reason(known, deviations)}{option.scenario}", left
+        except SimulationFailed:
+            continue
+        except OutOfTime:
+            break
+        left = float(np.sum(np.log(deviations[open_ones])))
+        if left < least - _WORTH_IT:
+            best, least = f"{_reason(known, deviations)}{option.scenario}", left
     return best
 
 
 def _reason(known: Known, deviations: NDArray[np.float64]) -> str:
     """What one more run is for, after which values have such `deviations` (n,), as lines of its scenario."""
-    rows = zip(known.wides, known.told(), known.deviation, deviations, strict=True)
+    rows = zip(known.wides, known.open(), known.deviation, deviations, strict=True)
     lines = [
         "Of other settings this one would tell most of what the runs so far do not. How wide the intervals",
         "are, of what they were beforehand (a value is told from half on):",
-        *(f"  {wide.name}: {now:.0%}, then {later:.0%}" for wide, told, now, later in rows if not told),
+        *(f"  {wide.name}: {now:.0%}, then {later:.0%}" for wide, is_open, now, later in rows if is_open),
     ]
     return "".join(f"# {line}\n" for line in lines)
 

@@ -56,6 +56,9 @@ from sim_twin.twin import AnyTwin
 
 _REACHES_RIG_S = 0.05  # what was ordered of a generator
 
+_FORGETS_S = 2.0
+"""After which a sensor with a corner shows no more of a push, which passes for a sine on its way."""
+
 STOPPED = "stopped before its time"
 
 
@@ -175,11 +178,15 @@ class DrivenRig:
                     self.logbook.tell("error", "drive.abort", unlike)
                     raise InterlockTripped(f"interlock: {unlike}")
 
+            offset = 0.0
+
             def hold(ordered: SineDrive | None) -> None:
+                nonlocal offset
                 if ordered is None:
                     force.let_go()
-                else:
-                    force.hold(ordered.amplitude, obeyed_from())
+                    return
+                pushed, offset = ordered.offset != offset, ordered.offset
+                force.hold(ordered.amplitude, obeyed_from() + pushed * _FORGETS_S * self.sample_rate)
 
             self.motion = replace(self.motion, prove=prove, hold=hold)
 

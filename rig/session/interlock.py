@@ -117,7 +117,7 @@ class ForceWatch:
     is blind for as long, or for more than a third of the time, is as bad as too much: what it clips may be
     any force. `take` is for the acquisition thread. `amplitude` is the sine's, `other` that of a sine as
     strong as all else, `frequency_hz` what the sine is seen to have over the last second, NaN until then.
-    Where nothing is `driven`, no force is too little.
+    Where nothing is `driven`, as by an emulated source beside a real card, no force is too little.
     """
 
     def __init__(
@@ -208,7 +208,7 @@ class ForceWatch:
 
     def _beyond_order(self, count: int) -> str:
         held = self._held
-        if held is None or self._blind or self._taken - len(self._values) < held[1]:
+        if held is None or self._taken - len(self._values) < held[1]:
             self._gone = 0
             return ""
         shown, faint = self.shown(held[0]), _FAINT * self.highest

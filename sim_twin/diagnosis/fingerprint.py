@@ -4,11 +4,10 @@ Of each cycle of each channel: energies in bands, courses over the phase, peaks,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations, pairwise
-from math import ceil
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -176,9 +175,7 @@ class Columns:
         cycles = windows[starts]
         if name in self.angles:
             return Look(_course(cycles)[0])
-        looked = self.transformed(length)
-        halves = np.stack([cycles[:, :looked], windows[starts + length // 2, :looked]])
-        turned = fft.rfft(halves * _hann(looked), axis=2)
+        turned = fft.rfft(np.stack([cycles, windows[starts + length // 2]]) * _hann(length), axis=2)
         power = turned.real**2 + turned.imag**2
         energy = np.mean(power, axis=0)
         bands = np.add.reduceat(energy[:, : self.harmonics[-1]], self.harmonics[:-1], axis=1)
@@ -187,10 +184,6 @@ class Columns:
         if name not in self.coupled:
             return Look(values)
         return Look(values, turned[:, :, : self.octaves[-1]], self._in_octaves(power))
-
-    def transformed(self, length: int) -> int:
-        """How much of a cycle of `length` samples its spectrum is of: where that is a prime, hardly less."""
-        return _quick(length)
 
     def table(self, looks: Sequence[Look], crossed: dict[tuple[int, int], Crossed]) -> CycleTable:
         """What the channels show together; what two `looks` make stays in `crossed`."""
@@ -245,10 +238,6 @@ class NarrowColumns(Columns):
         ]
         return (*spectra, *responses)
 
-    def transformed(self, length: int) -> int:
-        """All of it: a line is as wide as the narrowest bands."""
-        return length
-
     def table(self, looks: Sequence[Look], crossed: dict[tuple[int, int], Crossed]) -> CycleTable:
         table = Columns.table(self, looks, crossed)
         lines = np.array([look.spectra[0] for look in looks if look.spectra is not None])
@@ -271,27 +260,6 @@ class Look:
 
 Crossed: TypeAlias = tuple[Look, Look, NDArray[Any]]
 """Two looks and their cross spectra (cycles, bands)."""
-
-
-_SHORTEST = 0.994
-"""Share of a cycle: a spectrum of so much has its lines at most 0.6 % off the drive's harmonics."""
-
-
-@cache
-def _quick(length: int) -> int:
-    """The length of at most that whose transform costs least, by its factors."""
-    return min(range(ceil(_SHORTEST * length), length + 1), key=lambda count: count * sum(_factors(count)))
-
-
-def _factors(count: int) -> Iterator[int]:
-    factor = 2
-    while factor * factor <= count:
-        while count % factor == 0:
-            count //= factor
-            yield factor
-        factor += 1
-    if count > 1:
-        yield count
 
 
 @cache

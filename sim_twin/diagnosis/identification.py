@@ -99,6 +99,10 @@ class Known:
         """Of each value, whether the runs tell it: not where it may lie beyond where it was looked for."""
         return tuple(bool(each) for each in (self.deviation <= _TOLD) & (np.abs(self.mean) < _AT_END))
 
+    def open(self) -> tuple[bool, ...]:
+        """Of each value, whether the runs tell too little of it, wherever it is looked for."""
+        return tuple(bool(each) for each in self.deviation > _TOLD)
+
     def at_ends(self) -> list[str]:
         """Names of values that lie at the end of where they were looked for, and would be told otherwise."""
         beyond = (self.deviation <= _TOLD) & (np.abs(self.mean) >= _AT_END)

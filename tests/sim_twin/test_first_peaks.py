@@ -12,6 +12,7 @@ from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.switched.simulation import Trace
 from tests.sim_twin.reference import Rig, simulate
 from tests.sim_twin.solver import RATE, solve
+from tests.tiers import first_short
 
 # Drive in Hz, clearance in mm, time of contact in ms, first peak in N: the reference values of the physics.
 REFERENCE = [
@@ -51,8 +52,7 @@ def test_time_of_contact(frequency: float, g_mm: float, time_ms: float, _: float
     assert first_contact(frequency, g_mm, 0.01)[0].switch_times[0] * 1e3 == pytest.approx(time_ms, abs=1e-3)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("frequency", "g_mm"), [row[:2] for row in REFERENCE])
+@pytest.mark.parametrize(("frequency", "g_mm"), first_short(row[:2] for row in REFERENCE))
 def test_time_of_contact_is_that_of_an_independent_integrator(frequency: float, g_mm: float) -> None:
     onset = simulate(Rig(frequency=frequency, g=g_mm * 1e-3), 0.0113).onsets[0]
     # One tick of the kernel is 0.3 ns.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import time
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 
 from daq.errors import ConfigurationError, RattleError
+from rig import ensembles
 from rig.diagnosis import identify as work
 from rig.diagnosis.identify import (
     Identification,
@@ -31,6 +33,7 @@ from rig.diagnosis.identify import (
     wide_of,
 )
 from rig.diagnosis.recordings import setting_of
+from rig.ensembles import Simulated
 from rig.files.model_file import as_identified, load_model, parse_model
 from rig.files.scenario import parse_scenario
 from rig.files.table import NOTHING, FieldError
@@ -44,6 +47,7 @@ from sim_twin.diagnosis.identification import VALUES, Known, Round, nothing_know
 from sim_twin.diagnosis.subject import Draw, Observed
 from tests.rig.commands.cli import Call
 from tests.rig.commands.test_calibrate import RATE, SCENARIO, SECONDS, write
+from tests.rig.diagnosis.test_workers import Here, Numbered
 
 TRUTH = {"contact_stiffness": 2.4e7, "yoke_frequency": 600.0}
 CRANK = """
@@ -436,6 +440,20 @@ def test_what_there_was_time_for_before_is_kept(tmp_path: Path) -> None:
     assert again.found == 8
 
 
+def test_of_what_workers_had_time_for_whole_groups_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ensembles, "cores", lambda: 2)
+    simulated = Simulated(Numbered(), Here(able=3), time.monotonic(), lambda _: None)
+    draws = [Draw(((VALUES, {"a": float(seed)}),), seed) for seed in range(32)]
+    with pytest.raises(OutOfTime):
+        Kept(tmp_path / "kept", "a", simulated, 4)(draws)
+    again = Kept(tmp_path / "kept", "a", no_time, 4)
+    with pytest.raises(OutOfTime):
+        again(draws)
+    assert again.found == 24
+
+
 def test_time_that_runs_out_once_the_values_are_found_is_told_as_such(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -477,3 +495,11 @@ def test_a_value_at_the_end_of_where_it_was_looked_for_is_none() -> None:
         "# yoke_frequency lies at the end of where it was looked for: --free yoke_frequency=LOW..HIGH" in text
     )
     assert "yoke_frequency" not in tomllib.loads(text).get("model", {})
+
+
+def test_a_single_value_at_the_end_of_its_range_is_refused_with_that() -> None:
+    scenario = parse_scenario(SCENARIO)
+    wide = wide_of(RIGS["impact_beam"], "yoke_frequency", scenario.model, twin_of(scenario), "400 Hz..500 Hz")
+    known = replace(nothing_known([wide]), mean=np.array([4.5]), covariance=0.01 * np.eye(1))
+    assert known.open() == (False,)
+    assert "yoke_frequency=LOW..HIGH with a wider range" in str(work._nothing_told(known))

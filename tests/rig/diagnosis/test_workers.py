@@ -16,6 +16,7 @@ from rig import ensembles
 from rig.ensembles import Simulated, Workers, workers_when_needed
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.fingerprint import Layout
+from sim_twin.diagnosis.library import FEWEST
 from sim_twin.diagnosis.subject import Draw, Observed
 
 LATER = 3600.0
@@ -87,7 +88,7 @@ def test_progress_goes_on_over_several_rounds() -> None:
 def test_what_the_deadline_stopped_is_empty_and_said() -> None:
     executor = Here(able=1)
     simulated = Simulated(Numbered(), executor, time.monotonic(), lambda _: None)
-    assert shown(simulated(draws(20))) == [seed if seed % 4 == 0 else None for seed in range(20)]
+    assert shown(simulated(draws(20))) == [seed if seed < 5 else None for seed in range(20)]
     assert simulated.cut_short
     assert all(future.cancelled() for future in executor.submitted[1:])
 
@@ -132,7 +133,7 @@ def test_workers_start_with_the_first_piece_of_work_and_end_with_the_context(
 
 
 def test_rigs_with_the_same_effects_in_come_together_and_what_is_observed_often_is_spread() -> None:
-    kinds = [Draw(((name, {}),), seed) for seed, name in enumerate("abc" * 8)]
+    kinds = [Draw(((name, {}),), seed) for seed, name in enumerate("abcd" * 6)]
     often = [Draw((), 100 + seed, sensing=((), ())) for seed in range(8)]
     asked: list[list[Draw]] = []
 
@@ -145,4 +146,14 @@ def test_rigs_with_the_same_effects_in_come_together_and_what_is_observed_often_
     assert shown(simulated([*kinds, *often])) == [draw.seed for draw in (*kinds, *often)]
     assert [len(piece) for piece in asked] == [8, 8, 8, 8]
     effects = [[draw.effects[0][0] for draw in piece if draw.effects] for piece in asked]
-    assert [len(set(piece)) for piece in effects] == [1, 2, 2, 1]
+    assert effects == [["a"] * 6, ["b"] * 6, ["c"] * 6, ["d"] * 6]
+    asked.clear()
+    assert shown(simulated([*kinds[:3], *often[:1]])) == [0, 1, 2, 100]
+    assert shown(simulated(often[:1])) == [100]
+
+
+def test_of_each_kind_as_many_as_tell_anything_come_before_more_of_any() -> None:
+    kinds = [Draw(((name, {}),), seed) for seed, name in enumerate("abcd" * 10)]
+    simulated = Simulated(Numbered(), Here(able=4), time.monotonic(), lambda _: None)
+    there = [draw.effects[0][0] for draw, one in zip(kinds, simulated(kinds), strict=True) if one]
+    assert all(there.count(name) >= FEWEST for name in "abcd")

@@ -20,6 +20,8 @@ from rig.session.drive import Shaker
 from rig.session.driven_rig import DrivenRig
 from rig.session.signals import StopRequest
 from rig.stream import Record
+from rig.twin.scenario_twin import twin_of
+from sim_twin.rigs.impact_beam.model import SineDrive
 from tests.rig.session.fakes import Kept, RecordingGenerator, SteppedCard, silent_screen
 
 SCENARIO = """\
@@ -105,3 +107,20 @@ def test_what_has_come_to_rest_in_time_is_not_told_of_again(tmp_path: Path) -> N
         rig.ramp_down()
         rig.off()
     assert kept.codes() == ["drive.off"]
+
+
+def test_a_push_is_forgotten_before_the_sine_is_held_again(tmp_path: Path) -> None:
+    """On its way to another mean, a sensor with a corner shows what passes for a sine."""
+    with recorded(tmp_path, RecordingGenerator(), Kept()) as rig:
+        rig.hold_force("drive.force", 20.0, twin_of(parse_scenario(SCENARIO, "stopped")))
+        assert isinstance(rig.motion, Shaker)
+        assert rig._force is not None
+        from_samples: list[float] = []
+        rig._force.hold = lambda amplitude, sample: from_samples.append(sample)  # type: ignore[method-assign]
+        with rig.acquisition:
+            for offset in (0.0, 1.0, 1.0):
+                rig.motion.hold(SineDrive(frequency=20.0, amplitude=9.0, offset=offset))
+            rig.devices.card.let(2)  # type: ignore[attr-defined]
+    first, pushed, later = (each / rig.sample_rate for each in from_samples)
+    assert 1.9 < pushed - first < 2.5
+    assert abs(later - first) < 0.5

@@ -164,15 +164,6 @@ def test_nothing_held_is_too_little_where_nothing_is_driven() -> None:
     assert held(5.0, 8.0, driven=False) == [5]
 
 
-def test_what_a_blind_sensor_seems_to_show_is_held_to_nothing() -> None:
-    watch = ForceWatch(Channel("drive.force", "N"), 2.0, RATE, HIGHEST_N)
-    watch.hold(5.0, from_sample=0.0)
-    force = (5.0 * np.sin(2 * np.pi * 2.0 * np.arange(6 * int(RATE)) / RATE)).reshape(-1, BLOCK)
-    for number, block in enumerate(force):
-        blind = 20 <= number < 24
-        assert not watch.take(np.zeros(BLOCK) if blind else block, Flag.NOT_FINITE if blind else Flag.GOOD)
-
-
 def test_another_order_is_held_from_when_it_is_given() -> None:
     watch = ForceWatch(Channel("drive.force", "N"), 20.0, RATE, HIGHEST_N)
     force = np.sin(2 * np.pi * 20.0 * np.arange(int(RATE)) / RATE).reshape(-1, BLOCK)

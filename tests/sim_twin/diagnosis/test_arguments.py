@@ -108,7 +108,6 @@ def test_the_runner_up_is_told_by_figures_in_which_it_predicts_otherwise() -> No
         assert each.rival == pytest.approx(findings.runner_up[1][at].mean())
 
 
-@pytest.mark.long
 def test_an_answer_that_was_cut_short_is_wider_and_says_so() -> None:
     wider = []
     for rig in range(RIG, RIG + 5):

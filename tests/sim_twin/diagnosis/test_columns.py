@@ -229,11 +229,3 @@ def test_runs_are_laid_side_by_side() -> None:
     assert both.size == first.size + 1
     assert [cell.run for cell in both.cells][-2:] == [0, 1]
     assert both.starts[-1] == both.size
-
-
-@pytest.mark.parametrize(("length", "looked"), [(853, 850), (1279, 1274), (1280, 1280), (2133, 2125), (1, 1)])
-def test_a_spectrum_is_of_hardly_less_than_a_cycle_where_that_costs_much_less(
-    length: int, looked: int
-) -> None:
-    assert Columns(("a",), (), 30.0, 25_600.0).transformed(length) == looked
-    assert NarrowColumns(("a",), (), 30.0, 25_600.0).transformed(length) == length

@@ -13,6 +13,7 @@ from sim_twin.diagnosis.library import Library
 from sim_twin.diagnosis.search import Search
 from sim_twin.diagnosis.subject import Draw, Named, Observed
 from tests.sim_twin.diagnosis.toy import CAUSES, LEFT, LENGTH, Toy, recording, spent
+from tests.tiers import first_short
 
 EFFORT = Effort(220, 24)
 DOUBTING = Toy(doubts=(LENGTH,))
@@ -24,8 +25,7 @@ def found(sizes: Sequence[tuple[str, float]], seed: int, subject: Toy = DOUBTING
     return diagnose(subject, recording(effects, RIG + seed), EFFORT, subject.observe, seed)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_short(range(2)))
 def test_a_wrong_value_is_unknown_to_the_catalogue_and_told_with_its_size(seed: int) -> None:
     findings = found(((LENGTH.name, 3.0),), seed)
     assert findings.verdict == "unknown"

@@ -29,6 +29,7 @@ from tests.sim_twin.diagnosis.toy import (
     recording,
     spent,
 )
+from tests.tiers import first_short
 
 EFFORT = Effort(220, 24)
 TOY = Toy()
@@ -133,8 +134,7 @@ def test_a_healthy_recording_lies_no_farther_off_than_nine_in_ten_rigs_that_noth
     )
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_short(range(3)))
 def test_a_response_that_no_cause_gives_is_unknown(seed: int) -> None:
     findings = found((("strange", 3.0),), seed)
     assert findings.verdict == "unknown"
@@ -144,8 +144,7 @@ def test_a_response_that_no_cause_gives_is_unknown(seed: int) -> None:
     assert findings.gap.after == findings.gap.before > 2
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_short(range(2)))
 def test_of_two_that_look_alike_each_names_the_other(seed: int) -> None:
     findings = found((("aspect", 2.0),), seed)
     first, second = findings.judged[:2]

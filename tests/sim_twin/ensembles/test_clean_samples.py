@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import signal
 
-from sim_twin.ensembles.clean_samples import clean_samples
+from sim_twin.ensembles.clean_samples import _taps, clean_samples
 from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.crank_drive import SpeedDrive
 from sim_twin.rigs.impact_beam.rig import MODEL as BEAM_MODEL
@@ -120,3 +121,12 @@ def test_a_run_that_fails_is_none_and_takes_no_other_along() -> None:
     assert failed is None
     assert sound is not None
     assert np.array_equal(sound, clean([Variant(BEAM)], 0.0, 1300)[0])
+
+
+@pytest.mark.parametrize("factor", [2, 4, 8])
+def test_the_first_stage_is_the_window_design_of_scipy(factor: int) -> None:
+    """Flat to 0.45 of the rate that is left, 80 dB down from where it would fall onto that."""
+    edge = 0.55 / 2 / factor
+    count, beta = signal.kaiserord(80.0, 2 * (1 / factor - 2 * edge))
+    wanted = signal.firwin(count | 1, 0.5 / factor, window=("kaiser", beta), fs=1.0)
+    assert _taps(factor) == pytest.approx(wanted, abs=1e-15)
