@@ -151,6 +151,7 @@ def helper_processes(run: Command) -> list[psutil.Process]:
     return sorted(ours, key=lambda child: child.create_time())
 
 
+@pytest.mark.long
 def test_a_twin_that_dies_costs_the_prediction_and_no_measured_sample(
     bench: SpiedBench, tmp_path: Path
 ) -> None:

@@ -21,6 +21,7 @@ import pytest
 from tests.end_to_end.command import ROOT, await_gone, await_true, command
 from tests.end_to_end.conftest import SpiedBench
 from tests.end_to_end.files import write_bench, write_scenario
+from tests.tiers import first_short
 
 SAFE_S = 1.0
 
@@ -137,7 +138,7 @@ def test_a_second_run_leaves_the_first_alone(bench: SpiedBench, tmp_path: Path) 
     assert ended.code == 0, ended.err
 
 
-@pytest.mark.parametrize("how", ["frozen", "killed"])
+@pytest.mark.parametrize("how", first_short(["frozen", "killed"]))
 def test_a_run_that_is_stopped_dead_is_safe_within_a_second(
     bench: SpiedBench, tmp_path: Path, freeze: Callable[[int], None], how: str
 ) -> None:

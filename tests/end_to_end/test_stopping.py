@@ -30,7 +30,7 @@ def stop_at(moment: str, run: Command, bench: SpiedBench) -> None:
 @pytest.mark.parametrize(
     ("moment", "number", "times"),
     [
-        ("settling", signal.SIGINT, 1),
+        pytest.param("settling", signal.SIGINT, 1, marks=pytest.mark.long),
         ("recording", signal.SIGINT, 10),
         ("ramp down", signal.SIGINT, 3),
         pytest.param("recording", signal.SIGTERM, 1, marks=pytest.mark.long),

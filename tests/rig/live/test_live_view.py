@@ -24,6 +24,7 @@ from rig.live.picture import layout_of
 from rig.live.view import LiveView, Processes, Progress
 from rig.stream import Block, Shape
 from tests.rig.synthetic_run import RATE, START_NS
+from tests.tiers import first_short
 
 MANY = tuple(Channel(f"channel_{index}", "N") for index in range(16))
 QUIET = np.zeros(5120, np.float32)
@@ -77,7 +78,7 @@ def gone(process: int) -> bool:
     return not psutil.pid_exists(process) or psutil.Process(process).status() == psutil.STATUS_ZOMBIE
 
 
-@pytest.mark.parametrize("which", EACH)
+@pytest.mark.parametrize("which", first_short(EACH))
 def test_a_stalled_viewer_costs_the_caller_neither_time_nor_memory(view: LiveView, which: str) -> None:
     stalled: int = getattr(view.processes, which)
     os.kill(stalled, signal.SIGSTOP)

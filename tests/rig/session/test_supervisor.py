@@ -33,6 +33,7 @@ from tests.end_to_end.command import await_true
 from tests.end_to_end.files import write_bench
 from tests.rig.session.fakes import RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.test_driven_rig import SCENARIO
+from tests.tiers import first_short
 
 
 class FarGenerator(RecordingGenerator):
@@ -541,7 +542,7 @@ class CountedSpare(FarGenerator):
         super().open()
 
 
-@pytest.mark.parametrize("up", ["up", "not up", "up, and found so by the way"])
+@pytest.mark.parametrize("up", first_short(["up", "not up", "up, and found so by the way"]))
 def test_from_its_arming_on_it_goes_on_where_the_run_fails(tmp_path: Path, up: str) -> None:
     """Whether it is up by then or still on its way; and it is given over once, whoever asks it again."""
     scenario, screen = parse_scenario(SCENARIO, "armed"), silent_screen()
