@@ -248,7 +248,8 @@ class ForceWatch:
         turning = np.exp(2j * np.pi * frequency_hz * at_s)
         told = np.column_stack([turning.real, turning.imag, np.ones(len(at_s))])
         (real, imaginary, mean), *_ = np.linalg.lstsq(told, self._values, rcond=None)
-        sine, force = math.hypot(real, imaginary), math.hypot(real, imaginary) + abs(float(mean))
+        sine = math.hypot(real, imaginary)
+        force = sine + abs(float(mean))
         shown, faint = self.shown(ordered), _FAINT * self.highest
         much = force > _BEYOND_ORDER * (shown + abs(offset)) + faint
         if much or (self._driven and sine < _DEAD * shown - faint):

@@ -11,7 +11,7 @@ import pytest
 from sim_twin.rigs.impact_beam.model import SineDrive, nominal
 from sim_twin.rigs.impact_beam.rig import MODEL, nominal_sensors
 from sim_twin.sensors import SensorChain
-from sim_twin.twin import Twin
+from sim_twin.twin import Twin, changed
 
 DRAWS = 2000
 # A standard deviation from 2,000 draws has a standard error of 1 / sqrt(4,000) = 1.6 %; four of them.
@@ -117,3 +117,11 @@ def test_noise(channel: str, noise: float) -> None:
     rig = replace(nominal(), stations=(50,))
     assert nominal_sensors(rig)[channel] == SensorChain(noise=noise)
     assert MODEL.draw_healthy(Twin(rig, TWIN.drive), np.random.default_rng(1)).sensors[channel].noise == noise
+
+
+def test_a_place_within_another_is_changed_as_well() -> None:
+    def more(part: dict[str, float]) -> dict[str, float]:
+        return {**part, "c": 3.0}
+
+    both = {("a",): more, ("a", "b"): lambda old: 2.0 * old, ("none", "x"): lambda old: 0.0}
+    assert changed({"a": {"b": 1.0}, "none": None}, both) == {"a": {"b": 2.0, "c": 3.0}, "none": None}

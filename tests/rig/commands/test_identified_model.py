@@ -158,6 +158,19 @@ def test_the_run_that_would_narrow_most_of_what_is_open_is_next_and_says_by_how_
     assert parse_scenario(found).name == "crank: speed 250 rpm"
     assert "#   rod_mass: 90%, then 30%\n" in found
     assert "piston_mass" not in found  # which is told already
+    asked: list[Campaign] = []
+
+    def for_two(subject: Campaign, *given: object) -> NDArray[np.float64]:
+        asked.append(subject)
+        if len(asked) > 2:
+            raise work.OutOfTime("time ran out")
+        return after(subject, *given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(work, "after_one_more", for_two)
+        so_far = work._next_run(data, known, kept, np.random.default_rng(0))
+    assert so_far is not None  # the best of those that there was time for
+    assert f"{min(left[round(60 * each.runs[0].columns.frequency)] for each in asked[:2]):.0%}" in so_far
     left.update(dict.fromkeys(left, 0.85))
     assert work._next_run(data, known, kept, np.random.default_rng(0)) is None
 

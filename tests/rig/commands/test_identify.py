@@ -427,19 +427,6 @@ def test_what_there_was_no_time_for_is_not_kept(tmp_path: Path) -> None:
     assert not (tmp_path / "kept").exists()
 
 
-def test_what_there_was_time_for_before_is_kept(tmp_path: Path) -> None:
-    def in_time(draws: Sequence[Draw]) -> list[Observed]:
-        return [(np.zeros((2, 3), np.float32),) if each.seed < 12 else () for each in draws]
-
-    draws = [Draw((), seed) for seed in range(24)]
-    with pytest.raises(OutOfTime):
-        Kept(tmp_path / "kept", "a", in_time, 4)(draws)
-    again = Kept(tmp_path / "kept", "a", no_time, 4)
-    with pytest.raises(OutOfTime):
-        again(draws)
-    assert again.found == 8
-
-
 def test_of_what_workers_had_time_for_whole_groups_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
