@@ -13,7 +13,7 @@ from drivers.ni_daq.tasks import give_back
 
 
 class CardLine:
-    """A `LineReader`. A device server answers within half a second, or its reading counts as lost."""
+    """A `LineReader`."""
 
     def __init__(self, card: CardSettings) -> None:
         assert card.stop_line is not None  # noqa: S101 - who has none makes no reader

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated, Final, Literal, Protocol
 
 from daq.clock import Clock
-from daq.errors import EmergencyStop, InstrumentError
+from daq.errors import EmergencyStop, InstrumentError, InstrumentSilent
 from daq.quantity import Key, Text
 
 STOP_TABLE: Final = "emergency_stop"
@@ -127,9 +127,11 @@ class LineWatch:
         while self._seen is None and not self._ended:
             try:
                 self._reader.heed()
+                self._unread = 0  # no lock: at worst one of these is lost, and the next counts
+            except InstrumentSilent:
+                pass  # an answer that is late on a busy machine: `look` counts how long there is none
             except InstrumentError as error:
                 self._see(error)
-            self._unread = 0  # no lock: at worst one of these is lost, and the next counts
             self._clock.sleep(LOOK_S)
 
     def _see(self, error: InstrumentError) -> None:

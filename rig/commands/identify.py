@@ -40,7 +40,6 @@ def identify(
 ) -> None:
     from daq.disk import write_whole
     from rig.diagnosis import identify as work
-    from rig.diagnosis.recordings import recorded
     from rig.files.out_folder import require_new
     from rig.files.scenario import parse_scenario
 
@@ -57,9 +56,9 @@ def identify(
     others = [is_log(path) for path in responses or []]
     screen = Screen(Terminal())
     data, wides, campaign = work.read_for(runs, others, keys, screen)
-    folder, plain = out.with_name(f".{out.name}.rigs"), recorded(runs)
+    folder = out.with_name(f".{out.name}.rigs")
     try:
-        found = work.identify(data, wides, campaign, plain, folder, seed, budget, screen)
+        found = work.identify(data, wides, campaign, folder, seed, budget, screen)
     except KeyboardInterrupt:
         screen.say(f"what was simulated is kept in {folder}; the same command goes on there")
         raise
@@ -80,6 +79,7 @@ def identify(
 
 def _show(found: Identification, rig: str, screen: Screen) -> None:
     from rig.diagnosis.identify import AT_END, STILL_MOVED, TOGETHER, rows
+    from rig.pages.words import listed
 
     table = Table(box=None, pad_edge=False)
     for heading in ("key", "found", "95 % interval", "was", ""):
@@ -89,8 +89,8 @@ def _show(found: Identification, rig: str, screen: Screen) -> None:
     screen.console.print(table)
     if any(found.known.open()):
         screen.warn("not told: known hardly better than before these runs; it only goes with the others")
-    for one, other in found.known.together():
-        screen.warn(TOGETHER.format(one, other))
+    for several in found.known.together():
+        screen.warn(TOGETHER.format(listed(several)))
     for name in found.known.at_ends():
         screen.warn(AT_END.format(name))
     if not found.converged:

@@ -71,7 +71,7 @@ def diagnose_runs(
     check_out(out)
     with screen.busy("reading", reading("read for a diagnosis", *runs)):
         data = _doubted(recorded_of(runs, model, screen), model)
-    remarks = list(data.remarks)
+    remarks = [*data.remarks, *not_looked_for(data)]
     for remark in remarks:
         screen.warn(remark)
     planned = effort_for(data.campaign, effort * budget_s)
@@ -165,6 +165,16 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
         return data
     scenarios = [parse_scenario(text) for text in data.scenarios]
     return replace(data, campaign=campaign_with_model(data.campaign, known, scenarios, screen.warn))
+
+
+def not_looked_for(data: RecordedCampaign) -> list[str]:
+    """Effects that a rig of these runs cannot have, and why."""
+    return [
+        f"{path.name}: {effect.name} was not looked for ({why})"
+        for path, run in zip(data.paths, data.campaign.runs, strict=True)
+        for effect in run.twin.model.effects.values()
+        if (why := effect.refusal(run.twin))
+    ]
 
 
 def _doubted(data: RecordedCampaign, model: Path | None) -> RecordedCampaign:

@@ -38,7 +38,7 @@ from rig.rigs.kind import RigKind, at
 from rig.session.pace import reading
 from rig.session.progress import Screen
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
-from sim_twin.diagnosis.fingerprint import NarrowColumns
+from sim_twin.diagnosis.fingerprint import Cell, NarrowColumns
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure
 from sim_twin.diagnosis.identification import (
     MOST_ROUNDS,
@@ -143,7 +143,7 @@ def wides_of(data: RecordedCampaign, free: Mapping[str, str]) -> tuple[Wide, ...
 
 
 STILL_MOVED = "The values still moved in the last round"
-TOGETHER = "{} and {} are told together only: fix one of them, if you know it"
+TOGETHER = "{} are told together only: fix those of them that you know"
 AT_END = "{0} lies at the end of where it was looked for: --free {0}=LOW..HIGH with a wider range"
 
 
@@ -248,6 +248,8 @@ def read_for(
         data = recorded([*runs, *responses], partial(_narrow, responses))
     for remark in data.remarks:
         screen.warn(remark)
+    if not any(path in runs for path in data.paths):
+        raise LogError("no run is left but those of --frf, which tell too little by themselves")
     scenarios = [parse_scenario(text) for text in data.scenarios]
     wides = wides_of(data, free)
     for path, run, records in zip(data.paths, data.campaign.runs, data.records, strict=True):
@@ -297,28 +299,30 @@ def require_moves(wides: Sequence[Wide], campaign: WithValues, simulate: Execute
     faults.raise_if_any()
 
 
-def last_of(rounds: Iterable[Round], screen: Screen) -> Round:
+def last_of(rounds: Iterable[Round], names: Sequence[str], screen: Screen) -> Round:
     """The last of at least one round; each is told of, and what by then is told together only.
 
     After the first, a third of the work at most, also what is not told so far. RattleError where that is all
-    there is: about what is as open as before, no later round looks any nearer.
+    there is: about what is as open as before, no later round looks any nearer. So where runs, of these
+    `names`, ask for different values.
     """
-    together = set[tuple[str, str]]()
+    together = set[tuple[str, ...]]()
     for number, each in enumerate(rounds, 1):
         wides, told, far = each.known.wides, each.known.told(), int(np.argmax(each.moved))
         screen.say(
             f"round {number}: {each.rigs} rigs, {sum(told)} of {len(wides)} values told; "
             f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
         )
+        require_one_rig(names, each.apart)
         if number == 1:
             if each.known.as_open_as_before():
                 raise _nothing_told(each.known)
             if untold := [wide.name for wide, is_told in zip(wides, told, strict=True) if not is_told]:
                 screen.warn(f"not told so far: {listed(untold)}; rounds nearer by may tell more")
-        for pair in each.known.together():
-            if pair not in together:
-                screen.warn(TOGETHER.format(*pair))
-                together.add(pair)
+        for several in each.known.together():
+            if several not in together:
+                screen.warn(TOGETHER.format(listed(several)))
+                together.add(several)
     return each
 
 
@@ -331,15 +335,28 @@ def _nothing_told(known: Known) -> Refused:
     )
 
 
+def require_one_rig(names: Sequence[str], apart: Sequence[float]) -> None:
+    """Refuse runs of which one says other values than the others, see `Round.apart`."""
+    worst = int(np.argmax(apart)) if apart else 0
+    if not apart or apart[worst] <= _STANDS_OUT:
+        return
+    others = [name for number, name in enumerate(names) if number != worst]
+    raise Refused(
+        f"{names[worst]} asks for other values than {listed(others)}: it lies {apart[worst]:.1f} times as "
+        "far from what they tell as any simulated run from the others of its rig. They may be of two rigs, "
+        "of one in two states, or show what the twin lacks: nothing was written. Identify each by itself"
+    )
+
+
 def of_one_rig(
-    plain: RecordedCampaign, measure: GapMeasure, healthy: Sequence[NDArray[np.floating]]
+    data: RecordedCampaign, measure: GapMeasure, healthy: Sequence[NDArray[np.floating]]
 ) -> list[float]:
     """Gap of each run; RattleError where one does not fit though the others do, or two are of two rigs.
 
     `healthy` are fingerprints of the rigs that the measure is made of. Values between those of two rigs may
     leave neither far off; but runs of one setting then lie on either side of them.
     """
-    gaps, names = measure.of_runs(plain.measured), [path.name for path in plain.paths]
+    gaps, names = measure.of_runs(data.measured), [path.name for path in data.paths]
     worst = int(np.argmax(gaps))
     others = max((gap for number, gap in enumerate(gaps) if number != worst), default=inf)
     farthest = max(measure.of_runs(rig)[worst] for rig in healthy)
@@ -350,9 +367,9 @@ def of_one_rig(
             "rig, of this one in another state, or show what the twin lacks: nothing was written. Leave it "
             "out, or identify it by itself"
         )
-    settings = [(scenario.drive, scenario.model) for scenario in map(parse_scenario, plain.scenarios)]
+    settings = [(scenario.drive, scenario.model) for scenario in map(parse_scenario, data.scenarios)]
     for one, other in combinations(range(len(gaps)), 2):
-        apart = measure.between(plain.measured, one, other) if settings[one] == settings[other] else None
+        apart = measure.between(data.measured, one, other) if settings[one] == settings[other] else None
         if apart is None:
             continue
         usual = max(measure.between(rig[:1], one, other) or 0.0 for rig in healthy)
@@ -369,15 +386,12 @@ def identify(
     data: RecordedCampaign,
     wides: Sequence[Wide],
     campaign: WithValues,
-    plain: RecordedCampaign,
     folder: Path,
     seed: int,
     budget_s: float,
     screen: Screen,
 ) -> Identification:
     """Find the values; what is simulated is kept in `folder` until it is done.
-
-    `plain` are the runs as `rattle gap` looks at them.
 
     Raises RattleError where time ran out, nothing is told, or the runs are of no such rig, or of several.
     """
@@ -398,25 +412,27 @@ def identify(
         require_moves(wides, campaign, simulate)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             rng = np.random.default_rng(seed)
-            found = last_of(fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told), screen)
+            rounds = fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told)
+            found = last_of(rounds, [path.name for path in data.paths], screen)
         known = found.known
         if not any(known.told()):
             raise _nothing_told(known)
         best = {wide.name: float(v) for wide, v in zip(wides, known.values(known.mean), strict=True)}
         kind = RIGS[campaign.rig]
-        given = parse_scenario(plain.scenarios[0]).model
+        given = parse_scenario(data.scenarios[0]).model
         was = {name: kind.value(name, given) for name in best}
-        repaired = _with_best(plain, best)
+        repaired = _with_best(data, best)
+        layout, compared = repaired.layout.only(partial(_compared, campaign))
         healthy = [
-            each[0]
+            each[0][:, compared]
             for each in kept(repaired, report=False)([Draw((), seed + k, blocks=2) for k in range(_HEALTHY)])
             if each and each[0] is not None
         ]
         if len(healthy) < _FEWEST:
             raise RattleError("too few rigs with the values found could be simulated; nothing was written")
-        measure = gap_measure(healthy, repaired.layout)
-        gaps = of_one_rig(plain, measure, healthy)
-        gap = measure.total(measure.cells(plain.measured))
+        measure, seen = gap_measure(healthy, layout), replace(data, measured=data.measured[:, compared])
+        gaps = of_one_rig(seen, measure, healthy)
+        gap = measure.total(measure.cells(seen.measured))
         if gap > _NOT_THIS_RIG:
             raise Refused(
                 f"the best such rig still lies a gap of {gap:.2f} from these runs (1 is a healthy rig's), so "
@@ -429,24 +445,33 @@ def identify(
         more = None
         if any(known.open()):
             screen.say("looking for a further run that would tell more ...")
-            more = _next_run(plain, known, kept, np.random.default_rng([seed, 1]))
-    of_runs = zip([path.name for path in plain.paths], gaps, strict=True)
+            more = _next_run(data, known, kept, np.random.default_rng([seed, 1]))
+    of_runs = zip([path.name for path in data.paths], gaps, strict=True)
     return Identification(known, was, gap, found.converged, more, tuple(of_runs))
 
 
-def _with_best(plain: RecordedCampaign, best: Mapping[str, float]) -> Campaign:
+def _compared(campaign: Campaign, cell: Cell) -> bool:
+    """Whether `rattle gap` looks at it as well; of a run of responses, which it does not, everything is."""
+    return _alone(campaign.runs[cell.run]) or cell.what != "spectrum"
+
+
+def _alone(run: RunSetting) -> bool:
+    return isinstance(run.columns, NarrowColumns) and run.columns.alone
+
+
+def _with_best(data: RecordedCampaign, best: Mapping[str, float]) -> Campaign:
     """The same runs as a model file with the best values has them."""
-    scenarios = [parse_scenario(text) for text in plain.scenarios]
+    scenarios = [parse_scenario(text) for text in data.scenarios]
     kind = RIGS[scenarios[0].rig]
     runs = [
         replace(run, twin=replace(run.twin, rig=kind.changed(run.twin.rig, scenario.model, best)))
-        for run, scenario in zip(plain.campaign.runs, scenarios, strict=True)
+        for run, scenario in zip(data.campaign.runs, scenarios, strict=True)
     ]
-    return replace(plain.campaign, runs=tuple(runs))
+    return replace(data.campaign, runs=tuple(runs))
 
 
 def _next_run(
-    plain: RecordedCampaign,
+    data: RecordedCampaign,
     known: Known,
     kept: Callable[[Campaign, bool], Kept],
     rng: np.random.Generator,
@@ -456,14 +481,13 @@ def _next_run(
     None where no run would tell more, or there is no time to look for one.
     """
     open_ones = np.array(known.open())
-    columns, quiet = plain.campaign.runs[0].columns, plain.campaign.runs[0].quiet
-    given = parse_scenario(plain.scenarios[0]).model
+    at = next(number for number, run in enumerate(data.campaign.runs) if not _alone(run))
+    columns, quiet = data.campaign.runs[at].columns, data.campaign.runs[at].quiet
+    given = parse_scenario(data.scenarios[at]).model
     names = [wide.name for wide in known.wides]
     best, least = None, float(np.sum(np.log(known.deviation[open_ones])))
-    recorded_s = len(plain.sound[0]) / columns.rate
-    for option in options(
-        plain.scenarios[0], columns.channels, columns.rate, quiet, plain.chains, recorded_s
-    ):
+    recorded_s = len(data.sound[at]) / columns.rate
+    for option in options(data.scenarios[at], columns.channels, columns.rate, quiet, data.chains, recorded_s):
         scenario = parse_scenario(option.scenario)
         if any(scenario.model.get(name) != given.get(name) for name in names):
             continue  # what is looked for is not set anew
@@ -527,7 +551,7 @@ def model_text_of(
         "# Values of one rig, as rattle identify found them in recordings of it; for --model.",
         "# Behind each its 95 % interval, in the same unit, and what the scenarios had.",
         *([] if all(found.known.told()) else [f"# {_NO_ANSWER}"]),
-        *(f"# Told together only: {one} and {other}." for one, other in found.known.together()),
+        *(f"# Told together only: {listed(several)}." for several in found.known.together()),
         *(f"# {AT_END.format(name)}." for name in found.known.at_ends()),
         *([] if found.converged else [f"# {STILL_MOVED}, by which their intervals are wider."]),
         f"# Gap of the rig from its twin with these values: {found.gap:.2f} (1 is as far as a healthy rig).",

@@ -202,10 +202,7 @@ def recorded(
     rows = [_rows(len(each), count) for each in blocks]
     remarks = [f"{error.name} is left out: {error.why}" for error in unusable]
     for run in runs:
-        effects = run.twin.model.effects.values()
-        refused = [(effect.name, effect.refusal(run.twin)) for effect in effects]
-        not_looked = [f"{name} was not looked for ({reason})" for name, reason in refused if reason]
-        remarks += [f"{run.path.name}: {remark}" for remark in (*run.remarks, *not_looked)]
+        remarks += [f"{run.path.name}: {remark}" for remark in run.remarks]
     return RecordedCampaign(
         Campaign(tuple(settings)),
         np.concatenate([each[at] for each, at in zip(blocks, rows, strict=True)], axis=1),

@@ -4,7 +4,7 @@ Of each cycle of each channel: energies in bands, courses over the phase, peaks,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations, pairwise
@@ -101,6 +101,11 @@ class Layout:
     def of_numbers(self) -> list[Cell]:
         """The cell that each number belongs to."""
         return [cell for cell in self.cells for _ in range(cell.size)]
+
+    def only(self, chosen: Callable[[Cell], bool]) -> tuple[Layout, NDArray[np.bool_]]:
+        """Of the chosen cells alone, and which of the numbers are theirs."""
+        kept = tuple(cell for cell in self.cells if chosen(cell))
+        return Layout(kept), np.array([chosen(cell) for cell in self.of_numbers], dtype=bool)
 
     @property
     def size(self) -> int:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, ndtr, ndtri
 
 from daq.errors import SimulationFailed
-from sim_twin.diagnosis.matching import followed
+from sim_twin.diagnosis.matching import Summary, followed
 from sim_twin.diagnosis.posterior import Estimate
 from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Draw, Execute, Subject
@@ -31,6 +31,8 @@ _FARTHEST = 5.0
 """Deviations of the prior."""
 _WIDER = (1.0, 2.5, 2.0, 1.5)
 """Proposals over the posterior so far, round by round and then on: it may be off, most of all at first."""
+_WIDEST = 1.25
+"""Deviations of the prior; a proposal is no wider in any direction."""
 _NEAR = 0.995
 """Share of a proposal within which earlier rigs are looked at again."""
 _FEWEST_OF_ALL, _EACH = 120, 16
@@ -44,7 +46,9 @@ _TOLD = 0.5
 _AT_END = 3.5
 """Deviations before, from which on a value lies at the end of where it was looked for: 1 rig in 2000 does."""
 _TOGETHER = 0.9
-"""Correlation from which on two values are told together only."""
+"""Correlation of a value with what others say of it, from which on it is told together with them only."""
+_HAS_A_PART = 0.3
+"""Of a value's deviation: another that moves it by more has a part in that."""
 _AS_OPEN = 0.9
 """Of its deviation before: chance alone mostly narrows what nothing tells by less."""
 _OF_95 = 1.96
@@ -128,26 +132,33 @@ class Known:
         columns = [wide.value(places[..., k]) for k, wide in enumerate(self.wides)]
         return np.stack(columns, axis=-1)
 
-    def together(self) -> list[tuple[str, str]]:
-        """Pairs that are not told each by itself, but together."""
-        spread, untold = np.outer(self.deviation, self.deviation), ~np.array(self.told())
-        strong = (np.abs(self.covariance) > _TOGETHER * spread) & (untold[:, None] | untold)
-        return [
-            (self.wides[one].name, self.wides[other].name)
-            for one in range(len(self.wides))
-            for other in range(one)
-            if strong[one, other]
-        ]
+    def together(self) -> list[tuple[str, ...]]:
+        """Values that are not told each by itself, but together: one of them once the others are known."""
+        precision = np.linalg.inv(self.covariance)
+        known_others = 1 / np.sqrt(np.diag(precision))
+        # what a deviation of each of the others moves a value by, in deviations of it
+        moves = np.abs(precision) * known_others[:, None] ** 2 * self.deviation / self.deviation[:, None]
+        hangs = (~np.array(self.told())) & (known_others < np.sqrt(1 - _TOGETHER**2) * self.deviation)
+        sets = (
+            [wide.name for wide, share in zip(self.wides, moves[one], strict=True) if share > _HAS_A_PART]
+            for one in np.flatnonzero(hangs)
+        )
+        return list(dict.fromkeys(map(tuple, sets)))
 
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """What is known after a round of so many rigs, and how far that moved, in deviations."""
+    """What is known after a round of so many rigs, and how far that moved, in deviations.
+
+    `apart` (runs,): how far what a run says of the values lies from what the others say, over that of the
+    simulated rig whose runs lie farthest apart; empty of one run, and between the first round and the last.
+    """
 
     rigs: int
     known: Known
     moved: Array
     converged: bool
+    apart: tuple[float, ...] = ()
 
 
 def nothing_known(wides: Sequence[Wide]) -> Known:
@@ -179,13 +190,16 @@ def fitted_rounds(
         observed = simulate(draws_of(known, places, rng))
         library.add(places, [each[0] if each else None for each in observed])
         cut_short = any(not each for each in observed)
-        found = _posterior(known, wider, library, moments, measured, rng, told)
+        near = library.near(known, wider)
+        found = _posterior(known, near, moments, measured, rng, told)
         moved = np.abs(found.mean - known.mean) / np.maximum(found.deviation, 1e-9)
         still = bool(np.all(moved < _MOVED) and np.all(found.deviation > _NARROWED * known.deviation))
         converged = number + 1 >= FEWEST_ROUNDS and still
+        last = converged or cut_short or number + 1 == MOST_ROUNDS
+        apart = _apart(near, moments, measured, rng, told) if last or number == 0 else ()
         known = found
-        yield Round(len(library), known, moved, converged)
-        if converged or cut_short:
+        yield Round(len(library), known, moved, converged, apart)
+        if last:
             return
 
 
@@ -210,8 +224,22 @@ def draws_of(known: Known, places: Array, rng: np.random.Generator, blocks: int 
 def _proposed(known: Known, wider: float, rng: np.random.Generator) -> Array:
     count = len(known.wides)
     normals = rng.standard_normal((rigs_of_a_round(count), count))
-    moved = known.mean + wider * normals @ np.linalg.cholesky(known.covariance).T
-    return np.asarray(np.clip(moved, -_FARTHEST, _FARTHEST))
+    return np.asarray(np.clip(known.mean + normals @ _root(known, wider).T, -_FARTHEST, _FARTHEST))
+
+
+def _root(known: Known, wider: float) -> Array:
+    """Of the covariance of a proposal, (n, n)."""
+    squares, directions = np.linalg.eigh(known.covariance)
+    return np.asarray(directions * np.minimum(wider * np.sqrt(squares), _WIDEST))
+
+
+@dataclass(frozen=True, slots=True)
+class _Near:
+    """Rigs near what is known: `local` places (rigs, n), `root` (n, n) @ them from its mean, and features."""
+
+    root: Array
+    local: Array
+    features: Array
 
 
 class _Library:
@@ -231,27 +259,30 @@ class _Library:
                 self.places.append(place)
                 self.features.append(self._moments(blocks))
 
+    def near(self, about: Known, wider: float) -> _Near:
+        """Those that a proposal about what is known may well make; SimulationFailed where they are few."""
+        count = len(about.wides)
+        places, root = np.array(self.places).reshape(-1, count), _root(about, wider)
+        local = np.linalg.solve(root, (places - about.mean).T).T
+        near = np.sum(local**2, axis=1) <= chdtri(count, 1.0 - _NEAR)
+        if near.sum() < _FEWEST * count:
+            raise SimulationFailed(
+                f"only {near.sum()} of {rigs_of_a_round(count)} rigs could be simulated",
+                "are the ranges of the values such as a rig can have?",
+            )
+        return _Near(root, local[near], np.array(self.features)[near])
+
 
 def _posterior(
     about: Known,
-    wider: float,
-    library: _Library,
+    near: _Near,
     moments: Moments,
     measured: NDArray[np.float32],
     rng: np.random.Generator,
     told: Sequence[float],
 ) -> Known:
     """What the rigs near `about` make of the measurement, for the prior of all values."""
-    places, features = np.array(library.places).reshape(-1, len(about.wides)), np.array(library.features)
-    root = np.linalg.cholesky(about.covariance) * wider
-    local = np.linalg.solve(root, (places - about.mean).T).T
-    near = np.sum(local**2, axis=1) <= chdtri(len(about.wides), 1.0 - _NEAR)
-    if near.sum() < _FEWEST * len(about.wides):
-        raise SimulationFailed(
-            f"only {near.sum()} of {rigs_of_a_round(len(about.wides))} rigs could be simulated",
-            "are the ranges of the values such as a rig can have?",
-        )
-    following = followed(local[near], features[near], moments, rng)
+    following, root = followed(near.local, near.features, moments, rng), near.root
     response = following.response(moments.worth(told, len(measured)))
     place = following.summary(moments(measured)) - response.centre
     # the prior, standard normal in the places, in the local coordinates
@@ -261,6 +292,44 @@ def _posterior(
     found = root @ covariance @ root.T
     centre = np.clip(about.mean + root @ mean, -_FARTHEST, _FARTHEST)
     return Known(about.wides, centre, np.asarray((found + found.T) / 2))
+
+
+def _apart(
+    near: _Near,
+    moments: Moments,
+    measured: NDArray[np.float32],
+    rng: np.random.Generator,
+    told: Sequence[float],
+) -> tuple[float, ...]:
+    """Of each run, see `Round`; in the local coordinates, in which rigs are standard normal."""
+    runs = np.unique(moments.runs)
+    if len(runs) < 2:
+        return ()
+    seen, worth = moments(measured), moments.worth(told, len(measured))
+    simulated, recorded = list[Summary](), list[Summary]()
+    for run in runs:
+        own = moments.runs == run
+        following = followed(near.local, near.features[..., own], moments.of_run(run), rng)
+        healthy, response = (
+            following.response(each) for each in (np.full(own.sum(), float(_BLOCKS)), worth[own])
+        )
+        simulated.append(healthy.summary(healthy.of_rigs))
+        recorded.append(response.summary(following.summary(seen[..., own])[None] - response.centre))
+    usual = _from_the_others(simulated).max(axis=1)
+    return tuple(map(float, _from_the_others(recorded)[:, 0] / usual))
+
+
+def _from_the_others(runs: Sequence[Summary]) -> Array:
+    """How far what each of some runs says lies from what the others say, of many rigs (runs, rigs)."""
+    found, count = [], runs[0].slope.shape[1]
+    for own in runs:
+        others = [each for each in runs if each is not own]
+        left = np.linalg.inv(np.eye(count) + sum(each.information for each in others))
+        expected = sum(each.pull for each in others) @ left @ own.slope.T
+        off = own.place - expected
+        spread = own.scatter + own.slope @ left @ own.slope.T
+        found.append(np.sqrt(np.mean(off * np.linalg.solve(spread, off.T).T, axis=1)))
+    return np.array(found)
 
 
 def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.random.Generator) -> Array:

@@ -154,7 +154,7 @@ def match_among(
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a run shows of the places of tolerances: `place` (told,) is `slope` (told, n) @ places + scatter.
+    """What a run shows of places (n,): `place` (..., told) is `slope` (told, n) @ places + scatter.
 
     `scatter` is its covariance.
     """
@@ -170,8 +170,8 @@ class Summary:
 
     @property
     def pull(self) -> Array:
-        """`information` @ where they lie, (n,)."""
-        return np.asarray(self.slope.T @ np.linalg.solve(self.scatter, self.place))
+        """`information` @ where they lie, (..., n)."""
+        return np.asarray(np.linalg.solve(self.scatter, self.place.T).T @ self.slope)
 
 
 def summary_of(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> Summary:
@@ -180,8 +180,7 @@ def summary_of(rigs: Rigs, moments: Moments, measured: NDArray[np.floating]) -> 
     shown, seen = space.scaled(rigs.features), space.scaled(moments(measured))
     regression = regressed(shown.mean(axis=1), rigs.places)
     response = response_of(rigs.places, regression, shown, moments.worth((), len(seen)))
-    place = regression(seen.mean(axis=0)) - response.centre
-    return Summary(place, response.slope, np.asarray(np.linalg.inv(response.precision)))
+    return response.summary(regression(seen.mean(axis=0)) - response.centre)
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,6 +235,10 @@ class Response:
         pull = self.slope.T @ self.precision
         covariance = np.asarray(np.linalg.inv(np.eye(len(names)) + pull @ self.slope), np.float64)
         return Matched(names, covariance @ pull @ place, covariance)
+
+    def summary(self, place: Array) -> Summary:
+        """Of a place (..., told), less the centre."""
+        return Summary(place, self.slope, np.asarray(np.linalg.inv(self.precision)))
 
     def misfit(self, places: Array) -> Array:
         """Mean squares of summaries (n, told), less the centre, in healthy scatter; shape (n,)."""

@@ -58,6 +58,10 @@ class Moments:
         spread, alone = self._of_cells(np.array([cell.run for cell in self.layout.cells], dtype=np.intp))
         return np.concatenate([spread, spread, alone])
 
+    def of_run(self, run: int) -> Moments:
+        """Of the fingerprints of one run alone."""
+        return Moments(self.layout.only(lambda cell: cell.run == run)[0])
+
     def worth(self, told: Sequence[float], blocks: int) -> Array:
         """How many blocks each feature's run is worth, by what is `told` of the runs; else all `blocks`."""
         return np.asarray(told)[self.runs] if told else np.full(len(self.runs), float(blocks))

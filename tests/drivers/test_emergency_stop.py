@@ -14,7 +14,7 @@ import pytest
 from pymodbus.constants import ExcCodes
 
 from daq.clock import SystemClock
-from daq.errors import DeviceLost, EmergencyStop, InstrumentAbsent, InstrumentRefused
+from daq.errors import DeviceLost, EmergencyStop, InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers import lock as locks
 from drivers.lock import Latch
 from drivers.mitsubishi_fr.emulator.drive import (
@@ -40,7 +40,7 @@ from drivers.ni_daq.channels import CardSettings
 from drivers.ni_daq.emulator.acquisition import DriveInbox
 from drivers.ni_daq.emulator.servicer import CardServer, CardServicer
 from drivers.ni_daq.stop_line import CardLine
-from drivers.protocols.emergency_stop import LOOK_S, LineWatch, StopLine, refuse_open
+from drivers.protocols.emergency_stop import LOOK_S, SILENCE_S, LineWatch, StopLine, refuse_open
 from drivers.rehearsal import rehearsed
 from tests.drivers.conftest import FORCE, WIRING, card_settings
 from tests.drivers.fr_bench import HZ, SETTINGS, Bench, latched, on_bench
@@ -196,6 +196,22 @@ def test_what_was_seen_once_stays_seen(error: Exception, what: str) -> None:
     assert seen is not None
     assert seen.what == what
     assert ("free it where it was pressed" in str(seen)) == (what == "its line is open")
+
+
+def test_an_answer_that_is_late_is_waited_for_half_a_second() -> None:
+    line, late = ScriptedLine(), InstrumentSilent("emergency stop", "here", "no answer within the deadline")
+    with LineWatch(lambda: line, SystemClock()) as watch:
+        line.error = late
+        assert seen_within(watch, SILENCE_S / 2) is None
+        line.error = None
+        assert seen_within(watch, 2 * LOOK_S) is None
+        line.error = late  # what was missed before does not count again
+        assert seen_within(watch, SILENCE_S * 0.8) is None
+        began_s = time.monotonic()
+        seen = seen_within(watch, 1.5)
+        assert time.monotonic() - began_s < SILENCE_S
+    assert seen is not None
+    assert seen.what == "its line gives no reading"
 
 
 def test_a_reading_that_does_not_come_counts_as_open() -> None:

@@ -54,14 +54,20 @@ def record(path: Path, seed: int, scenario: str = SCENARIO, told: str = SCENARIO
     return path
 
 
-def write(path: Path, channels: tuple[Channel, ...], samples: np.ndarray, scenario: str = SCENARIO) -> None:
+def write(
+    path: Path,
+    channels: tuple[Channel, ...],
+    samples: np.ndarray,
+    scenario: str = SCENARIO,
+    begin_ns: int = 0,
+) -> None:
     step = round(0.1 * RATE)
     with LogWriter(path) as log:
         log.add_metadata("scenario", {"toml": scenario})
         for channel in channels:
             log.declare("measured", channel)
         for first in range(0, samples.shape[1], step):
-            time_ns = sample_time_ns(0, first, RATE)
+            time_ns = sample_time_ns(begin_ns, first, RATE)
             for channel, row in zip(channels, samples, strict=True):
                 block = SampleBlock(
                     channel.name, first, time_ns, RATE, row[first : first + step].astype(np.float32)

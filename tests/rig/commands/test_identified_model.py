@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from daq.errors import RattleError
 from rig.diagnosis import identify as work
-from rig.diagnosis.identify import Identification, of_one_rig, wide_of
-from rig.diagnosis.recordings import recorded
+from rig.diagnosis.identify import Identification, of_one_rig, read_for, wide_of
 from rig.files.model_file import load_model
 from rig.files.scenario import load_scenario, parse_scenario
 from rig.rigs import RIGS
+from rig.session.progress import Screen, Terminal
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.fingerprint import SLICES, Layout, of_cycles
 from sim_twin.diagnosis.gap import gap_measure
@@ -36,7 +36,7 @@ KEY = "contact_stiffness"
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("runs")
-    return [record(folder / f"run{seed}.mcap", seed) for seed in (3, 4)]
+    return [record(folder / f"run{seed}.mcap", seed, begin_ns=seed) for seed in (3, 4)]
 
 
 def known_to(deviation: float) -> Known:
@@ -51,9 +51,12 @@ def search_at_once(monkeypatch: pytest.MonkeyPatch, known: Known, simulate: Exec
     monkeypatch.setattr(work, "Simulated", lambda *_: simulate)
 
 
-def rigs_about(runs: Sequence[Path], *off: float) -> Execute:
-    """Rigs off which each of the runs lies so many of their scatters, which hide that of its own blocks."""
-    read = recorded(runs)
+def rigs_about(runs: Sequence[Path], *off: float, responses: Sequence[Path] = ()) -> Execute:
+    """Rigs off which each of the runs lies so many of their scatters, which hide that of its own blocks.
+
+    Runs come in the order in which they were made.
+    """
+    read, _, _ = read_for(runs, responses, {KEY: ""}, Screen(Terminal()))
     owners = [cell.run for cell in read.campaign.layout.of_numbers]
     middle = read.measured.mean(axis=0)
     scale = 3 * np.abs(read.measured - middle).max(axis=0) + 0.1
@@ -101,6 +104,31 @@ def test_a_run_of_another_rig_among_others_is_named_and_makes_no_file(
     assert "run4.mcap does not fit, though the other runs do" in answer.err
     assert "nothing was written" in answer.err
     assert not written_in(tmp_path)
+
+
+def test_a_run_of_responses_is_held_against_what_was_found_too(
+    call: Call, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, later = runs  # it was made before the other
+    asked = ("identify", later, "--frf", first, "--free", KEY, "-o", tmp_path / "model.toml")
+    search_at_once(monkeypatch, known_to(0.1), rigs_about([later], 0.0, 0.8, responses=[first]))
+    answer = call(*asked)
+    assert answer.code == 0, answer.err
+    assert float(re.findall(r"(\d\.\d\d) of run3\.mcap by", answer.out)[0]) < 0.5
+    (tmp_path / "model.toml").unlink()
+    search_at_once(monkeypatch, known_to(0.1), rigs_about([later], 5.0, 0.0, responses=[first]))
+    answer = call(*asked)
+    assert answer.code == 1
+    assert "run3.mcap does not fit, though the other runs do" in answer.err
+    assert not written_in(tmp_path)
+
+
+def test_runs_of_responses_alone_are_refused(call: Call, runs: list[Path], tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(b"no log")
+    answer = call("identify", damaged, "--frf", runs[0], "--free", KEY, "-o", tmp_path / "model.toml")
+    assert answer.code == 1
+    assert "no run is left but those of --frf" in answer.err
 
 
 def test_the_gap_of_each_run_is_said_beside_that_of_all(
@@ -186,12 +214,12 @@ def gaps_of(*off: float, scenarios: Sequence[str] = ()) -> list[float]:
     blocks = 0.3 * rng.normal(size=(HEALTHY, 2, count * CELLS, 1))
     healthy = list((own + blocks + PATTERN).reshape(HEALTHY, 2, -1))
     layout = Layout(tuple(of_cycles(run, "a", "mean") for run in range(count) for _ in range(CELLS)))
-    plain: Any = SimpleNamespace(
+    data: Any = SimpleNamespace(
         measured=np.tile((np.repeat(off, CELLS)[:, None] + PATTERN).ravel(), (4, 1)),
         paths=[Path(f"run{number}.mcap") for number in range(count)],
         scenarios=scenarios or [SCENARIO] * count,
     )
-    return of_one_rig(plain, gap_measure(healthy, layout), healthy)
+    return of_one_rig(data, gap_measure(healthy, layout), healthy)
 
 
 def test_one_run_that_lies_far_off_is_of_another_rig_than_those_that_fit() -> None:

@@ -64,7 +64,13 @@ duration = "5 s"
 SPATIAL = CRANK.replace("planar", "spatial").replace("200 rpm", "300 rpm")
 
 
-def record(path: Path, seed: int, scenario: str = SCENARIO, values: Mapping[str, float] = NOTHING) -> Path:
+def record(
+    path: Path,
+    seed: int,
+    scenario: str = SCENARIO,
+    values: Mapping[str, float] = NOTHING,
+    begin_ns: int = 0,
+) -> Path:
     """A run of a healthy rig with other values than its scenario says."""
     twin = twin_of(parse_scenario(scenario))
     model, rng = twin.model, np.random.default_rng(seed)
@@ -72,7 +78,7 @@ def record(path: Path, seed: int, scenario: str = SCENARIO, values: Mapping[str,
     stream = model.stream(healthy, RATE, rng)
     stream.drive(healthy.drive, float(rng.uniform(0, 2 * np.pi)))
     stream.advance(round(RATE))
-    write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)), scenario)
+    write(path, predicted_channels(healthy), stream.advance(round(SECONDS * RATE)), scenario, begin_ns)
     return path
 
 
@@ -311,11 +317,11 @@ def test_what_is_told_together_only_is_said_once_and_by_the_first_round_that_sho
     alike = replace(known, covariance=np.array([[1.0, 0.95], [0.95, 1.0]]))
     said = io.StringIO()
     rounds = [Round(9, each, np.array([0.1, 0.2]), converged=False) for each in (first, alike, alike)]
-    assert last_of(rounds, Screen(Terminal(file=said, width=200))) is rounds[-1]
+    assert last_of(rounds, ["run.mcap"], Screen(Terminal(file=said, width=200))) is rounds[-1]
     lines = [line for line in said.getvalue().splitlines() if line.strip()]
     assert [line.startswith("round") for line in lines] == [True, False, True, False, True]
     assert "not told so far: beam_modulus;" in lines[1]
-    assert "beam_modulus and contact_stiffness are told together only" in lines[3]
+    assert "contact_stiffness and beam_modulus are told together only" in lines[3]
 
 
 def test_runs_that_tell_nothing_end_the_search_after_its_first_round() -> None:
@@ -327,8 +333,21 @@ def test_runs_that_tell_nothing_end_the_search_after_its_first_round() -> None:
             yield Round(9, known, np.zeros(2), converged=False)
 
     with pytest.raises(RattleError, match="tell none of contact_stiffness and beam_modulus: nothing was"):
-        last_of(rounds(), Screen(Terminal(file=io.StringIO(), width=200)))
+        last_of(rounds(), ["run.mcap"], Screen(Terminal(file=io.StringIO(), width=200)))
     assert asked == [0]
+
+
+def test_runs_that_ask_for_different_values_end_the_search_after_its_first_round() -> None:
+    known, names = before_the_runs("contact_stiffness"), ["a.mcap", "b.mcap", "c.mcap"]
+    told = replace(known, covariance=0.01 * np.eye(1))
+    quiet = Screen(Terminal(file=io.StringIO(), width=200))
+
+    def rounds(*apart: float) -> Iterator[Round]:
+        yield Round(9, told, np.zeros(1), False, apart)
+
+    assert last_of(rounds(1.4, 1.0, 0.9), names, quiet).known is told
+    with pytest.raises(RattleError, match=r"b\.mcap asks for other values than a\.mcap and c\.mcap: it"):
+        last_of(rounds(1.6, 2.0, 0.9), names, quiet)
 
 
 def test_values_that_still_moved_are_said_to_and_have_wider_intervals() -> None:
@@ -453,9 +472,11 @@ def test_time_that_runs_out_once_the_values_are_found_is_told_as_such(
     monkeypatch.setattr(work, "require_moves", lambda *_: None)
     monkeypatch.setattr(work, "fitted_rounds", lambda *_: [found])
     monkeypatch.setattr(work, "Simulated", lambda *_: no_time)
-    data: Any = SimpleNamespace(measured=None, told=(), scenarios=(CRANK,), campaign=Campaign((setting,)))
+    data: Any = SimpleNamespace(
+        measured=None, told=(), paths=(), scenarios=(CRANK,), campaign=Campaign((setting,))
+    )
     with pytest.raises(RattleError, match="time ran out: nothing was written"):
-        work.identify(data, wides, campaign, data, tmp_path / "kept", 0, 10.0, Screen(Terminal()))
+        work.identify(data, wides, campaign, tmp_path / "kept", 0, 10.0, Screen(Terminal()))
 
 
 def test_nothing_is_known_beforehand() -> None:
