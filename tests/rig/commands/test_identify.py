@@ -70,11 +70,13 @@ def record(
     scenario: str = SCENARIO,
     values: Mapping[str, float] = NOTHING,
     begin_ns: int = 0,
+    run: int = 0,
 ) -> Path:
-    """A run of a healthy rig with other values than its scenario says."""
-    twin = twin_of(parse_scenario(scenario))
-    model, rng = twin.model, np.random.default_rng(seed)
-    healthy = model.draw_healthy(replace(twin, rig=replace(twin.rig, **values)), rng, rng)
+    """A run of a healthy rig, which `seed` tells, with other values than its scenario says."""
+    twin, rng = twin_of(parse_scenario(scenario)), np.random.default_rng([seed, run])
+    model = twin.model
+    valued = replace(twin, rig=replace(twin.rig, **values))
+    healthy = model.draw_healthy(valued, np.random.default_rng(seed), rng)
     stream = model.stream(healthy, RATE, rng)
     stream.drive(healthy.drive, float(rng.uniform(0, 2 * np.pi)))
     stream.advance(round(RATE))
@@ -105,7 +107,7 @@ def test_values_far_off_are_found_and_used(
     call: Call, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(identification, "_FEWEST_OF_ALL", 60)  # two values need fewer rigs than ten
-    other = record(tmp_path / "again.mcap", 5, values=TRUTH)
+    other = record(tmp_path / "again.mcap", 3, values=TRUTH, run=1)
     path = tmp_path / "model.toml"
     keys = "contact_stiffness, yoke_frequency = 400 Hz..1 kHz"
     answer = call("identify", run, "--frf", other, "--free", keys, "-o", path)
@@ -126,6 +128,22 @@ def test_values_far_off_are_found_and_used(
         json.loads(call("gap", *each, "--json").out)["before"] for each in looked_at
     )
     assert found_out < 1.1 * known_from_the_start < 0.8 * before
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_runs_of_two_rigs_at_different_settings_are_refused_after_one_round(
+    call: Call, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identification, "_FEWEST_OF_ALL", 60)
+    faster = SCENARIO.replace('"20 Hz"', '"25 Hz"')
+    other = record(tmp_path / "other.mcap", 5, faster, {**TRUTH, "yoke_frequency": 900.0})
+    free = ("--free", "contact_stiffness, yoke_frequency = 400 Hz..1 kHz")
+    answer = call("identify", run, other, *free, "-o", tmp_path / "model.toml")
+    assert answer.code == 1
+    assert "asks for other values than" in answer.err
+    assert "round 2" not in answer.out
+    assert [each.name for each in tmp_path.iterdir()] == ["other.mcap"]
 
 
 @pytest.mark.parametrize(
