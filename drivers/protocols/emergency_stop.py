@@ -21,6 +21,8 @@ SILENCE_S: Final = 0.5
 """25 looks, of something that waits for nothing: only what is frozen misses as many."""
 _UNREAD: Final = round(SILENCE_S / LOOK_S)
 """Looks without a reading, of which a machine that stands still takes nothing."""
+_LATE, _FORGIVEN = 4, 0.1
+"""Late answers, from which on nobody knows how late a line is seen; one in time takes off so much."""
 _LEFT_S: Final = 0.5
 """How long a reading that is under way is waited for at the end; one that hangs is left behind."""
 
@@ -99,11 +101,12 @@ class LineWatch:
         self._seen: EmergencyStop | None = None
         self._ended = False
         self._unread, self._looked_s = 0, clock.monotonic_s()  # looks since the last reading; the last one
+        self._late = 0.0
 
     def __enter__(self) -> LineWatch:
         try:
             self._reader.open()
-            self._reader.heed()
+            self._heed()
         except InstrumentError as error:
             self._see(error)
         self._thread.start()
@@ -126,13 +129,22 @@ class LineWatch:
     def _read(self) -> None:
         while self._seen is None and not self._ended:
             try:
-                self._reader.heed()
-                self._unread = 0  # no lock: at worst one of these is lost, and the next counts
-            except InstrumentSilent:
-                pass  # an answer that is late on a busy machine: `look` counts how long there is none
+                self._heed()
             except InstrumentError as error:
                 self._see(error)
             self._clock.sleep(LOOK_S)
+
+    def _heed(self) -> None:
+        """Read it. One late answer may be of a busy machine: `look` counts how long there is none."""
+        try:
+            self._reader.heed()
+        except InstrumentSilent:
+            self._late += 1.0
+            if self._late >= _LATE:
+                raise
+            return
+        self._late = max(self._late - _FORGIVEN, 0.0)
+        self._unread = 0  # no lock: at worst one of these is lost, and the next counts
 
     def _see(self, error: InstrumentError) -> None:
         if not isinstance(error, EmergencyStop):

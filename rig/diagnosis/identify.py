@@ -306,23 +306,24 @@ def last_of(rounds: Iterable[Round], names: Sequence[str], screen: Screen) -> Ro
     there is: about what is as open as before, no later round looks any nearer. So where runs, of these
     `names`, ask for different values.
     """
-    together = set[tuple[str, ...]]()
+    together = list[set[str]]()
     for number, each in enumerate(rounds, 1):
         wides, told, far = each.known.wides, each.known.told(), int(np.argmax(each.moved))
         screen.say(
             f"round {number}: {each.rigs} rigs, {sum(told)} of {len(wides)} values told; "
             f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
         )
-        require_one_rig(names, each.apart)
+        if not each.converged and number < MOST_ROUNDS:
+            require_one_rig(names, each.apart)
         if number == 1:
             if each.known.as_open_as_before():
                 raise _nothing_told(each.known)
             if untold := [wide.name for wide, is_told in zip(wides, told, strict=True) if not is_told]:
                 screen.warn(f"not told so far: {listed(untold)}; rounds nearer by may tell more")
         for several in each.known.together():
-            if several not in together:
+            if not any(said <= set(several) for said in together):
                 screen.warn(TOGETHER.format(listed(several)))
-                together.add(several)
+                together.append(set(several))
     return each
 
 
@@ -335,16 +336,22 @@ def _nothing_told(known: Known) -> Refused:
     )
 
 
-def require_one_rig(names: Sequence[str], apart: Sequence[float]) -> None:
-    """Refuse runs of which one says other values than the others, see `Round.apart`."""
+def require_one_rig(names: Sequence[str], apart: Sequence[float], gap: float = 1.0) -> None:
+    """Refuse runs of which one says other values than the others, see `Round.apart`.
+
+    Where a `gap` is left, what the twin lacks may be all that they say otherwise.
+    """
     worst = int(np.argmax(apart)) if apart else 0
-    if not apart or apart[worst] <= _STANDS_OUT:
+    if not apart or apart[worst] <= _STANDS_OUT * max(1.0, gap):
         return
     others = [name for number, name in enumerate(names) if number != worst]
+    who = f"{names[worst]} asks for other values than {listed(others)}"
+    if len(names) == 2:
+        who = f"{listed(names)} ask for different values"
     raise Refused(
-        f"{names[worst]} asks for other values than {listed(others)}: it lies {apart[worst]:.1f} times as "
-        "far from what they tell as any simulated run from the others of its rig. They may be of two rigs, "
-        "of one in two states, or show what the twin lacks: nothing was written. Identify each by itself"
+        f"{who}: {apart[worst]:.1f} times as far apart as the runs of any rig that was simulated. They may "
+        "be of two rigs, of one in two states, or show what the twin lacks: nothing was written. Identify "
+        "each by itself (one named by --frf: leave it out)"
     )
 
 
@@ -365,7 +372,7 @@ def of_one_rig(
             f"{names[worst]} does not fit, though the other runs do: with the values found its gap is "
             f"{gaps[worst]:.2f}, theirs {others:.2f} at most (1 is a healthy rig's). It may be of another "
             "rig, of this one in another state, or show what the twin lacks: nothing was written. Leave it "
-            "out, or identify it by itself"
+            "out"
         )
     settings = [(scenario.drive, scenario.model) for scenario in map(parse_scenario, data.scenarios)]
     for one, other in combinations(range(len(gaps)), 2):
@@ -432,14 +439,17 @@ def identify(
             raise RattleError("too few rigs with the values found could be simulated; nothing was written")
         measure, seen = gap_measure(healthy, layout), replace(data, measured=data.measured[:, compared])
         gaps = of_one_rig(seen, measure, healthy)
-        gap = measure.total(measure.cells(seen.measured))
+        cells = measure.cells(seen.measured)
+        # many figures of responses that fit are not to hide that a motion does not
+        of_motion = measure.total(cells, lambda cell: not _alone(campaign.runs[cell.run]))
+        gap = max(of_motion, measure.total(cells))
         if gap > _NOT_THIS_RIG:
             raise Refused(
                 f"the best such rig still lies a gap of {gap:.2f} from these runs (1 is a healthy rig's), so "
                 "something else is missing or wrong: nothing was written. rattle diagnose may tell what"
             )
-        moving = np.zeros_like(found.moved) if found.converged else found.moved
-        known = known.widened(max(1.0, gap) * np.hypot(1.0, moving))
+        require_one_rig([path.name for path in data.paths], found.apart, gap)
+        known = known.widened(max(1.0, gap) * np.hypot(1.0, found.moved))
         if not any(known.told()):
             raise _nothing_told(known)
         more = None

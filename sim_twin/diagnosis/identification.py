@@ -31,8 +31,8 @@ _FARTHEST = 5.0
 """Deviations of the prior."""
 _WIDER = (1.0, 2.5, 2.0, 1.5)
 """Proposals over the posterior so far, round by round and then on: it may be off, most of all at first."""
-_WIDEST = 1.25
-"""Deviations of the prior; a proposal is no wider in any direction."""
+_WIDEST, _LEAST = 1.25, 1e-12
+"""Deviations of the prior, than which a proposal is no wider in any direction; square of the narrowest."""
 _NEAR = 0.995
 """Share of a proposal within which earlier rigs are looked at again."""
 _FEWEST_OF_ALL, _EACH = 120, 16
@@ -40,7 +40,9 @@ _FEWEST_OF_ALL, _EACH = 120, 16
 _FEWEST = 8
 """Rigs for each value, from which on anything is made of them."""
 FEWEST_ROUNDS, MOST_ROUNDS = 3, 7
-_MOVED, _NARROWED = 0.3, 0.8
+_MOVED, _ONE_MOVED, _NARROWED = 0.25, 0.6, 0.8
+"""Deviations of all that is told together and of any one value, which of many chance moves by more; and to
+what share of it a deviation shrinks: what stays within them has come to rest."""
 _TOLD = 0.5
 """Of its deviation before, which one that is told has at most."""
 _AT_END = 3.5
@@ -133,17 +135,22 @@ class Known:
         return np.stack(columns, axis=-1)
 
     def together(self) -> list[tuple[str, ...]]:
-        """Values that are not told each by itself, but together: one of them once the others are known."""
+        """Values that are not told each by itself, but together: one of them once the others are known.
+
+        No set holds another.
+        """
         precision = np.linalg.inv(self.covariance)
-        known_others = 1 / np.sqrt(np.diag(precision))
+        left = 1 / np.sqrt(np.diag(precision))  # deviation of each once the others are known
         # what a deviation of each of the others moves a value by, in deviations of it
-        moves = np.abs(precision) * known_others[:, None] ** 2 * self.deviation / self.deviation[:, None]
-        hangs = (~np.array(self.told())) & (known_others < np.sqrt(1 - _TOGETHER**2) * self.deviation)
-        sets = (
-            [wide.name for wide, share in zip(self.wides, moves[one], strict=True) if share > _HAS_A_PART]
-            for one in np.flatnonzero(hangs)
-        )
-        return list(dict.fromkeys(map(tuple, sets)))
+        moves = np.abs(precision) * left[:, None] ** 2 * self.deviation / self.deviation[:, None]
+        np.fill_diagonal(moves, 0.0)
+        hangs = (~np.array(self.told())) & (left < np.sqrt(1 - _TOGETHER**2) * self.deviation)
+        sets = set[frozenset[int]]()
+        for one in np.flatnonzero(hangs):
+            others = np.flatnonzero(moves[one] > min(_HAS_A_PART, moves[one].max() / 2))
+            sets.add(frozenset([int(one), *map(int, others)]))
+        whole = sorted(sorted(each) for each in sets if not any(other < each for other in sets))
+        return [tuple(self.wides[one].name for one in each) for each in whole]
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +158,8 @@ class Round:
     """What is known after a round of so many rigs, and how far that moved, in deviations.
 
     `apart` (runs,): how far what a run says of the values lies from what the others say, over that of the
-    simulated rig whose runs lie farthest apart; empty of one run, and between the first round and the last.
+    simulated rig whose runs lie farthest apart. Empty of one run and, before the last round, where a run says
+    what none of the simulated rigs does: how it follows the values is not known so far out.
     """
 
     rigs: int
@@ -193,14 +201,21 @@ def fitted_rounds(
         near = library.near(known, wider)
         found = _posterior(known, near, moments, measured, rng, told)
         moved = np.abs(found.mean - known.mean) / np.maximum(found.deviation, 1e-9)
-        still = bool(np.all(moved < _MOVED) and np.all(found.deviation > _NARROWED * known.deviation))
-        converged = number + 1 >= FEWEST_ROUNDS and still
+        at_rest = moved.max() < _ONE_MOVED and bool(np.all(found.deviation > _NARROWED * known.deviation))
+        converged = number + 1 >= FEWEST_ROUNDS and at_rest and _moved_together(known, found) < _MOVED
         last = converged or cut_short or number + 1 == MOST_ROUNDS
-        apart = _apart(near, moments, measured, rng, told) if last or number == 0 else ()
+        apart = _apart(near, moments, measured, rng, told, anywhere=last)
         known = found
         yield Round(len(library), known, moved, converged, apart)
         if last:
             return
+
+
+def _moved_together(before: Known, now: Known) -> float:
+    """Root mean square, in deviations, over as many directions as are told."""
+    off = now.mean - before.mean
+    told = max(float(np.sum(1 - np.minimum(np.linalg.eigvalsh(now.covariance), 1.0))), 1.0)
+    return float(np.sqrt(off @ np.linalg.solve(now.covariance, off) / told))
 
 
 def rigs_of_a_round(count: int) -> int:
@@ -230,7 +245,7 @@ def _proposed(known: Known, wider: float, rng: np.random.Generator) -> Array:
 def _root(known: Known, wider: float) -> Array:
     """Of the covariance of a proposal, (n, n)."""
     squares, directions = np.linalg.eigh(known.covariance)
-    return np.asarray(directions * np.minimum(wider * np.sqrt(squares), _WIDEST))
+    return np.asarray(directions * np.minimum(wider * np.sqrt(np.maximum(squares, _LEAST)), _WIDEST))
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,8 +315,12 @@ def _apart(
     measured: NDArray[np.float32],
     rng: np.random.Generator,
     told: Sequence[float],
+    anywhere: bool,
 ) -> tuple[float, ...]:
-    """Of each run, see `Round`; in the local coordinates, in which rigs are standard normal."""
+    """Of each run, see `Round`; in the local coordinates, in which rigs are standard normal.
+
+    Not `anywhere`: empty unless each run by itself is such as those of the rigs.
+    """
     runs = np.unique(moments.runs)
     if len(runs) < 2:
         return ()
@@ -313,23 +332,31 @@ def _apart(
         healthy, response = (
             following.response(each) for each in (np.full(own.sum(), float(_BLOCKS)), worth[own])
         )
+        place = following.summary(seen[..., own])[None] - response.centre
+        if not anywhere and response.misfit(place)[0] > healthy.misfit(healthy.of_rigs).max():
+            return ()
         simulated.append(healthy.summary(healthy.of_rigs))
-        recorded.append(response.summary(following.summary(seen[..., own])[None] - response.centre))
-    usual = _from_the_others(simulated).max(axis=1)
-    return tuple(map(float, _from_the_others(recorded)[:, 0] / usual))
+        recorded.append(response.summary(place))
+    usual = _from_the_others(simulated).max(axis=2)
+    farthest = np.max(_from_the_others(recorded)[..., 0] / usual, axis=0)
+    return tuple(map(float, farthest))
 
 
 def _from_the_others(runs: Sequence[Summary]) -> Array:
-    """How far what each of some runs says lies from what the others say, of many rigs (runs, rigs)."""
-    found, count = [], runs[0].slope.shape[1]
+    """How far what each of some runs says lies from what the others say, of many rigs: (2, runs, rigs).
+
+    In all that it tells together, and in whichever it tells most differently.
+    """
+    together, alone, count = [], [], runs[0].slope.shape[1]
     for own in runs:
         others = [each for each in runs if each is not own]
         left = np.linalg.inv(np.eye(count) + sum(each.information for each in others))
         expected = sum(each.pull for each in others) @ left @ own.slope.T
         off = own.place - expected
         spread = own.scatter + own.slope @ left @ own.slope.T
-        found.append(np.sqrt(np.mean(off * np.linalg.solve(spread, off.T).T, axis=1)))
-    return np.array(found)
+        together.append(np.sqrt(np.mean(off * np.linalg.solve(spread, off.T).T, axis=1)))
+        alone.append(np.max(np.abs(off) / np.sqrt(np.diag(spread)), axis=1))
+    return np.array([together, alone])
 
 
 def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.random.Generator) -> Array:

@@ -43,11 +43,18 @@ def known_to(deviation: float) -> Known:
     return replace(before_the_runs(KEY), covariance=deviation**2 * np.eye(1))
 
 
-def search_at_once(monkeypatch: pytest.MonkeyPatch, known: Known, simulate: Execute | None = None) -> None:
+def search_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+    known: Known,
+    simulate: Execute | None = None,
+    moved: float = 0.0,
+    apart: tuple[float, ...] = (),
+) -> None:
     """A search that ends with what is `known`; what rigs with the values found show, `simulate` says."""
+    last = Round(9, known, np.array([moved]), True, apart)
     monkeypatch.setattr(work, "worker_processes", lambda _: nullcontext(SimpleNamespace(executor=None)))
     monkeypatch.setattr(work, "require_moves", lambda *_: None)
-    monkeypatch.setattr(work, "fitted_rounds", lambda *_: [Round(9, known, np.zeros(1), converged=True)])
+    monkeypatch.setattr(work, "fitted_rounds", lambda *_: [last])
     monkeypatch.setattr(work, "Simulated", lambda *_: simulate)
 
 
@@ -121,6 +128,43 @@ def test_a_run_of_responses_is_held_against_what_was_found_too(
     assert answer.code == 1
     assert "run3.mcap does not fit, though the other runs do" in answer.err
     assert not written_in(tmp_path)
+
+
+def test_an_interval_is_as_wide_as_its_value_moved_last(
+    call: Call, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where it came to rest."""
+    widths = list[float]()
+    for moved in (0.0, 0.5):
+        path = tmp_path / f"moved_{moved}.toml"
+        search_at_once(monkeypatch, known_to(0.02), rigs_about(runs[:1], 0.0), moved)
+        assert call("identify", runs[0], "--free", KEY, "-o", path).code == 0
+        found = load_model(path, "impact_beam").identified[KEY]
+        widths.append(np.log(found.high / found.low))
+    assert widths[1] == pytest.approx(np.hypot(1.0, 0.5) * widths[0], rel=0.01)
+
+
+def test_at_the_end_runs_may_say_as_much_else_as_the_twin_lacks(
+    call: Call, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "model.toml"
+    for off, code in ((1.5, 0), (0.0, 1)):  # a gap of about 1.5, and none
+        search_at_once(monkeypatch, known_to(0.1), rigs_about(runs, off, off), apart=(1.8, 1.2))
+        answer = call("identify", *runs, "--free", KEY, "-o", path)
+        assert answer.code == code, answer.err
+        assert path.exists() == (code == 0)
+        path.unlink(missing_ok=True)
+    assert "run3.mcap and run4.mcap ask for different values: 1.8 times as far apart" in answer.err
+
+
+def test_responses_that_fit_hide_no_motion_that_does_not(
+    call: Call, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, later = runs
+    search_at_once(monkeypatch, known_to(0.1), rigs_about([later], 0.0, 1.6, responses=[first]))
+    answer = call("identify", later, "--frf", first, "--free", KEY, "-o", tmp_path / "model.toml")
+    whole, *single = map(float, re.findall(r"(\d\.\d\d) (?:with these|of run\d\.mcap by)", answer.out))
+    assert whole == max(single) > 1.2
 
 
 def test_runs_of_responses_alone_are_refused(call: Call, runs: list[Path], tmp_path: Path) -> None:

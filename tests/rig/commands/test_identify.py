@@ -364,7 +364,9 @@ def test_runs_that_ask_for_different_values_end_the_search_after_its_first_round
         yield Round(9, told, np.zeros(1), False, apart)
 
     assert last_of(rounds(1.4, 1.0, 0.9), names, quiet).known is told
-    with pytest.raises(RattleError, match=r"b\.mcap asks for other values than a\.mcap and c\.mcap: it"):
+    with pytest.raises(
+        RattleError, match=r"b\.mcap asks for other values than a\.mcap and c\.mcap: 2\.0 times"
+    ):
         last_of(rounds(1.6, 2.0, 0.9), names, quiet)
 
 

@@ -35,7 +35,7 @@ WIDES = (
     Wide("idle", 1.0, 0.3),
 )
 """Mass and length are seen by their product alone, the idle one not at all."""
-MAP = np.random.default_rng(3).standard_normal((4, NUMBERS))
+MAPS = np.random.default_rng(3).standard_normal((3, 4, NUMBERS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,7 @@ class Bent:
     """A rig whose numbers follow its values in curves that bend; each rig has a scatter of its own."""
 
     causes: tuple[Cause, ...] = ()
+    map: int = 0
 
     @property
     def layout(self) -> Layout:
@@ -59,7 +60,7 @@ class Bent:
             3 * np.log(x["stiffness"] / 1.5e7), np.log(x["damping"] / 0.01), 40 * x["friction"],
             10 * np.log(x["mass"] * x["length"] / 0.6),
         ])  # fmt: skip
-        means = (seen + 0.15 * seen**2) @ MAP + 0.3 * np.tanh(seen[::-1] @ MAP)
+        means = (seen + 0.15 * seen**2) @ MAPS[self.map] + 0.3 * np.tanh(seen[::-1] @ MAPS[self.map])
         rng = np.random.default_rng(draw.seed)
         own = 0.5 * rng.standard_normal(NUMBERS)
         return np.asarray(means + own + rng.standard_normal((draw.blocks, NUMBERS)), np.float32)
@@ -75,44 +76,65 @@ class Unmoved(Bent):
 
 
 @dataclass(frozen=True, slots=True)
-class Twice(Bent):
-    """Two runs of a bent rig, of which the later sees its values otherwise and its damping not at all."""
+class Runs(Bent):
+    """A bent rig in several runs, each of which shows its values by a map of its own.
+
+    The second does not depend on its damping, the third on nothing.
+    """
+
+    count: int = 2
 
     @property
     def layout(self) -> Layout:
-        return Layout(tuple(replace(cell, run=run) for run in (0, 1) for cell in Bent().layout.cells))
+        return Layout(
+            tuple(replace(cell, run=run) for run in range(self.count) for cell in Bent().layout.cells)
+        )
 
     def shown(self, draw: Draw) -> np.ndarray:
-        ((name, values),) = draw.effects
-        later = {**values, "damping": 0.01, "friction": values["friction"] / 2}
-        runs = zip((values, later), (0, 1), strict=True)
+        ((_, values),) = draw.effects
+        seen = (values, {**values, "damping": 0.01, "friction": values["friction"] / 2}, AS_SAID)
         return np.hstack(
-            [Bent().shown(replace(draw, effects=((name, of),), seed=draw.seed + run)) for of, run in runs]
+            [
+                Bent(map=run).shown(replace(draw, effects=((VALUES, of),), seed=draw.seed + run))
+                for run, of in enumerate(seen[: self.count])
+            ]
         )
 
 
+AS_SAID = {wide.name: wide.centre for wide in WIDES}
+
+
 @cache
-def runs_apart(number: int, rigs: int) -> tuple[tuple[float, ...], ...]:
-    """In the first and the last round, of two runs of one rig or of two."""
-    rng = np.random.default_rng([9, number])
-    one, *others = draws_of(nothing_known(WIDES), rng.standard_normal((rigs, len(WIDES))), rng, blocks=4)
-    measured = Twice().shown(one)
+def runs_apart(number: int, rigs: int, count: int = 2, far: float = 1.0) -> tuple[tuple[float, ...], ...]:
+    """In the first and the last round, of runs of one rig or of two; the last run is short."""
+    rng, runs = np.random.default_rng([9, number]), Runs(count=count)
+    places = np.clip(far * rng.standard_normal((rigs, len(WIDES))), -3.0, 3.0)
+    one, *others = draws_of(nothing_known(WIDES), places, rng, blocks=4)
+    measured = runs.shown(one)
     if others:
-        measured[:, NUMBERS:] = Twice().shown(others[0])[:, NUMBERS:]
+        measured[:, NUMBERS : 2 * NUMBERS] = runs.shown(others[0])[:, NUMBERS : 2 * NUMBERS]
+    told = (4.0,) * (count - 1) + (1.5,)
     with threadpool_limits(1, user_api="blas"):
-        rounds = list(fitted_rounds(Twice(), WIDES, measured, Twice().observe, rng))
-    assert not any(each.apart for each in rounds[1:-1])
+        rounds = list(fitted_rounds(runs, WIDES, measured, runs.observe, rng, told))
     return rounds[0].apart, rounds[-1].apart
 
 
-def test_two_runs_of_one_rig_say_the_same_of_its_values() -> None:
+@pytest.mark.parametrize(("count", "far"), [(2, 1.0), (3, 1.0), (2, 2.0)])
+def test_runs_of_one_rig_say_the_same_of_its_values(count: int, far: float) -> None:
+    """Also of a rig that lies far out, and where one of three says nothing."""
     for number in range(4):
-        assert max(max(each) for each in runs_apart(number, 1)) < 1.2
+        first, last = runs_apart(number, 1, count, far)
+        assert max(first, default=0.0) < 1.3
+        assert max(last) < 1.3
 
 
 def test_runs_of_two_rigs_are_told_apart_at_different_settings() -> None:
-    farthest = [max(max(each) for each in runs_apart(number, 2)) for number in range(4)]
-    assert min(farthest) > 1.5
+    early = 0
+    for number in range(6):
+        first, last = runs_apart(number, 2)
+        early += max(first, default=0.0) > 1.5
+        assert min(last) > 1.5
+    assert early >= 3  # in a third of the work at most
 
 
 def test_three_that_go_together_are_said_as_three() -> None:
@@ -175,7 +197,8 @@ def test_it_ends_where_nothing_moves_any_more() -> None:
     rounds, _ = looked_for(0)
     assert 3 <= len(rounds) <= 7
     assert all(not each.converged for each in rounds[:-1])
-    assert rounds[-1].converged == bool(np.all(rounds[-1].moved < 0.3)) or len(rounds) == 7
+    assert rounds[-1].converged or len(rounds) == 7
+    assert np.mean([len(looked_for(number)[0]) < 7 for number in range(RIGS)]) > 0.7
 
 
 def test_the_same_seed_tells_the_same() -> None:
