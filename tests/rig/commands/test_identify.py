@@ -141,7 +141,7 @@ def test_runs_of_two_rigs_at_different_settings_are_refused_after_one_round(
     free = ("--free", "contact_stiffness, yoke_frequency = 400 Hz..1 kHz")
     answer = call("identify", run, other, *free, "-o", tmp_path / "model.toml")
     assert answer.code == 1
-    assert "asks for other values than" in answer.err
+    assert "other.mcap ask for different values" in answer.err
     assert "round 2" not in answer.out
     assert [each.name for each in tmp_path.iterdir()] == ["other.mcap"]
 
