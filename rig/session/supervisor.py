@@ -72,8 +72,9 @@ class Supervisor:
     keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
 
     It reads the emergency stop's `line` on the card, picklable too, tells it as `emergency_stop` and sets the
-    `latch`. From then on it waits for 0.06 s instead and for the `off_s` more that an off may look at nothing
-    else, but for 0.5 s at most, and so long without a spare.
+    `latch`. A spare whose words cannot run into those of the run (`off_s` 0) says its off at once, beside
+    the run's own. From then on it waits for 0.06 s instead and for the `off_s` more that an off may look at
+    nothing else, but for 0.5 s at most, and so long without a spare.
 
     One that `stays` goes on watching a rig that has come to rest, for the next run to beat, until `close`.
     """
@@ -98,7 +99,8 @@ class Supervisor:
         self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
         # What it frees is hardly anything.
-        watched = spare, locks, emulated, by_hand, line, latch, hurry_s
+        at_once = off_s == 0.0 and not by_hand
+        watched = spare, locks, emulated, by_hand, line, latch, hurry_s, at_once
         self._child = Child(
             "supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None, keeps_memory=True
         )
@@ -225,18 +227,20 @@ def _supervise(
     line: Callable[[], LineReader] | None,
     latch: Latch | None,
     hurry_s: float,
+    at_once: bool,
 ) -> None:
     run = os.getppid()
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     if spare is not None:
         spare()  # so that all that its driver needs is loaded while everything is still well
+    off = _off_in_a_thread(spare) if spare is not None and line is not None and at_once else _left_alone
     with (
         Latching(latch, _say) as latching,
         nullcontext() if line is None else LineWatch(line, SystemClock()) as watch,
     ):
         failed = ""
         try:
-            why = _await_silence(pipe, watch, latching, hurry_s)
+            why = _await_silence(pipe, watch, latching, hurry_s, off)
         except Exception as error:  # top of a process: what moves is not to be left to nobody
             why = failed = f"{_FAILED}: {type(error).__name__}: {error}"
         if why is None:
@@ -251,9 +255,9 @@ def _supervise(
             switch_off(spare)  # who was asked says it all
             _say(failed)
         elif emulated:
-            off = switch_off(spare)
+            is_off = switch_off(spare)
             if why != _OFF:
-                _say(failed or (_IS_OFF if off else _ENDED))
+                _say(failed or (_IS_OFF if is_off else _ENDED))
         else:
             apart = False
             with suppress(OSError):  # a machine that starts none more: in this one then
@@ -317,12 +321,29 @@ def _say(text: str) -> None:
             print(text, file=sys.stderr, flush=True)
 
 
+def _off_in_a_thread(spare: Callable[[], Actuator]) -> Callable[[], None]:
+    """Switches the drive off once it is called, by a thread that is there before it is needed."""
+    called = threading.Event()
+
+    def wait() -> None:
+        called.wait()
+        switch_off(spare)
+
+    threading.Thread(target=wait, name="off at once", daemon=True).start()
+    return called.set
+
+
+def _left_alone() -> None:
+    """To a run that lives."""
+
+
 def _await_silence(
-    pipe: Connection, line: LineWatch | None, latching: Latching, hurry_s: float
+    pipe: Connection, line: LineWatch | None, latching: Latching, hurry_s: float, off: Callable[[], None]
 ) -> str | None:
     """Wait until the run dies or beats no more, and say which; None where it has ended as it should.
 
-    Once `line` is seen open, which `latching` and the run are told, it may be silent for `hurry_s` at most.
+    Once `line` is seen open, which `latching` and the run are told, it may be silent for `hurry_s` at most;
+    `off` is called where anything moves.
     """
     until_s, patience_s, longest_s, slept = math.inf, 0.0, math.inf, False  # no beat yet: nothing moves
     pipe_has, signs = _looks_at(pipe), 0
@@ -333,6 +354,7 @@ def _await_silence(
             if line is not None and (seen := line.look()) is not None:
                 line, longest_s = None, hurry_s
                 if until_s < math.inf:  # else nothing moves yet
+                    off()
                     until_s = min(until_s, time.monotonic() + hurry_s)
                 latching.give(seen)
                 pipe.send(seen)
