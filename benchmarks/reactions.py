@@ -520,7 +520,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("ways", nargs="*", default=list(WAYS), metavar="way", help=", ".join(WAYS))
     parser.add_argument("--drives", nargs="+", choices=DRIVES, default=["generator", "motor"])
-    parser.add_argument("--tries", type=int, default=0, help="of each; 100, and 200 of `limit`, if not said")
+    parser.add_argument(
+        "--tries", type=int, default=0, help="of each; 100, and 200 of `limit` and `stop`, if not said"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--beside", type=int, default=1, help="tries at a time; each is a busy neighbour then"
@@ -529,7 +531,7 @@ def main() -> int:
     rng, met = Random(arguments.seed), True  # noqa: S311
     for way in arguments.ways:
         for drive in arguments.drives:
-            tries = arguments.tries or (200 if way == "limit" else 100)
+            tries = arguments.tries or (200 if way in ("limit", "stop") else 100)
             found, before = tries_of(drive, way, tries, rng, 1 if way == "viewer" else arguments.beside)
             if before:
                 print(f"{drive:9} {way}: {before} more ended before they were to, and were tried again")

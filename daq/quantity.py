@@ -45,7 +45,8 @@ class Quantity:
     The setting itself is in SI, or in `unit` where its name ends with it (`kept`). `key` is its name in a
     file, if that is another one; `default` what a file that lacks it means, where the class has no default of
     its own. `usual`, in `unit`, is what a file that shows every key has for one without a default. A time
-    whose type has `Samples` too may be up to `samples` of them instead.
+    whose type has `Samples` too may be up to `samples` of them instead. `means` says what it is, where its
+    name leaves that open.
     """
 
     unit: str
@@ -57,6 +58,7 @@ class Quantity:
     default: float | None = None
     usual: float | None = None
     samples: float = 0.0
+    means: str = ""
 
     @property
     def two_units(self) -> str:

@@ -43,7 +43,7 @@ class Fault:
 
 
 _MAY_BE_ON = "exit 1; THE DRIVE MAY STILL BE ON; with a real one, a process goes on trying"
-_STOPPED = "exit 3, `emergency_stop...`; the next run asks a person"
+_STOPPED = "exit 3, `emergency_stop...`; the next run is refused while the line is open, then asks a person"
 _LOST = "exit 1 within a second, the instrument named; drive off; what it owed is in /gap"
 _WATCHDOG_STOPS = "exit 1; THE MOTOR MAY STILL TURN: its watchdog stops it"
 _COUNTED = "the run goes on; what is missing is in /gap with its cause, and counted in `encoder.frames`"

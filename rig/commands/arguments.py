@@ -46,7 +46,8 @@ EffectsFile = Annotated[
     Path | None, typer.Option("--effects", metavar="EFFECTS.json", help="Effects that the twin gets.")
 ]
 Model = Annotated[
-    Path | None, typer.Option("--model", metavar="MODEL.toml", help="What rattle calibrate found of the rig.")
+    Path | None,
+    typer.Option("--model", metavar="MODEL.toml", help="What rattle identify or calibrate found of the rig."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print machine-readable output.")]
 Live = Annotated[bool, typer.Option("--live", help="Show it in a browser while it goes on.")]

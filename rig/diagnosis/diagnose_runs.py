@@ -126,9 +126,11 @@ def diagnose_runs(
     content["sentences"] = verdict.sentences(case)
     write_json(files["diagnosis"], content)
     write_json(files["effects"], effects_file(findings))
+    following = out / "next_experiment.toml"
+    following.unlink(missing_ok=True)  # of an answer that was here before
     if experiment is not None:
-        files["next run"] = out / "next_experiment.toml"
-        write_whole(files["next run"], experiment.scenario.encode())
+        files["next run"] = following
+        write_whole(following, experiment.scenario.encode())
     write_report(files["report"], replace(case, diagnosis=content))
     return findings, files
 

@@ -102,8 +102,9 @@ def check_scenario(scenario: Scenario, source: str) -> None:
 
 
 def check_bench(bench: Bench, today: datetime.date) -> None:
-    """Raise ConfigurationError with what forbids it for whatever scenario: channels, chains, calibrations."""
+    """Raise ConfigurationError with what forbids it for whatever scenario."""
     problems = [*_channels(bench.rig, bench), *_shaft(bench), *_chains(bench), *_calibrations(bench, today)]
+    problems += nowhere(bench)
     if problems:
         raise ConfigurationError(bench.source, problems)
 

@@ -129,7 +129,8 @@ def _line(setting: Setting, value: Any, decided: str = "", off: bool = False) ->
 
 
 def _told(setting: Setting) -> str:
-    return field_of(setting).allowed
+    means = getattr(setting.meaning, "means", "")
+    return f"{means}; {field_of(setting).allowed}" if means else field_of(setting).allowed
 
 
 def _written(setting: Setting, value: Any) -> str:

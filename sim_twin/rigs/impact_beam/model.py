@@ -53,11 +53,16 @@ class ImpactBeam:
     contact_stiffness: Annotated[float, Quantity("N/m", 1e3, 1e10), _TABLE_2, Bound("N/m", 0.0)]
     contact_damping: Annotated[float, Quantity("N s/m", 0, 1e5), _TABLE_2, Bound("N s/m", 0.0)]
     modal_damping: Annotated[tuple[float, ...], Bound("", 0.0, 1.0)]
-    clearance: Annotated[float, Quantity("mm", 0, 10), Source(f"{_PAPER}, figure 7"), Bound("m", 0.0)] = (
-        0.127e-3
-    )
+    clearance: Annotated[
+        float,
+        Quantity("mm", 0, 10, means="half of the tip's free motion between the stops"),
+        Source(f"{_PAPER}, figure 7"),
+        Bound("m", 0.0),
+    ] = 0.127e-3
     rest_offset: Annotated[
-        float, Quantity("mm", -10, 10), Source("centred; where gravity lets it rest, counts")
+        float,
+        Quantity("mm", -10, 10, means="where the tip rests, from the middle towards the upper stop"),
+        Source("centred; where gravity lets it rest, counts"),
     ] = 0.0
     rotation_stiffness: Annotated[
         float,
@@ -71,7 +76,9 @@ class ImpactBeam:
         Source(f"12 EI/l^3 of the flexure in {_PAPER}, table 1; without it an ideal pin"),
         Bound("N/m", 0.0, above=True),
     ] = None
-    drive_position: Annotated[float, Quantity("", 0.01, 1), Bound("L", 0.0, 1.0)] = 0.69
+    drive_position: Annotated[
+        float, Quantity("", 0.01, 1, means="fraction of the length from the pivot"), Bound("L", 0.0, 1.0)
+    ] = 0.69
     shaker_mass: Annotated[float, Quantity("kg", 0, 10), Bound("kg", 0.0)] = 0.0
     shaker_stiffness: Annotated[float, Quantity("N/m", 0, 1e7), Bound("N/m", 0.0)] = 0.0
     shaker_damping: Annotated[float, Quantity("N s/m", 0, 1e4), Bound("N s/m", 0.0)] = 0.0
@@ -221,7 +228,7 @@ class SineDrive:
 
     amplitude: Annotated[
         float,
-        Quantity("N", 0, _LARGEST_FORCE_N, default=9.0),
+        Quantity("N", 0, _LARGEST_FORCE_N, default=9.0, means="peak of the sine, not peak to peak, not rms"),
         Source(f"{_PAPER}, section 3D"),
         Bound("", -1e6, 1e6),
     ]

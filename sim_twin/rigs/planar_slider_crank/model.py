@@ -103,10 +103,16 @@ class PlanarSliderCrank:
     kind: ClassVar[str] = "planar_slider_crank"
 
     clearance_1: Annotated[
-        float, Quantity("mm", 0.001, 10), Source("Erkaya, section 3"), Bound("m", 0.0, above=True)
+        float,
+        Quantity("mm", 0.001, 10, means="radial, of the crank pin: half of its free motion"),
+        Source("Erkaya, section 3"),
+        Bound("m", 0.0, above=True),
     ] = 1e-3
     clearance_2: Annotated[
-        float, Quantity("mm", 0.001, 10), Source("Erkaya, section 3"), Bound("m", 0.0, above=True)
+        float,
+        Quantity("mm", 0.001, 10, means="radial, of the piston pin: half of its free motion"),
+        Source("Erkaya, section 3"),
+        Bound("m", 0.0, above=True),
     ] = 1e-3
     restitution: Annotated[float, Quantity("", 0.05, 1), Bound("", 0.0, 1.0)] = 0.9
     friction: Annotated[float, Quantity("", 0, 1), Bound("", 0.0)] = 0.01

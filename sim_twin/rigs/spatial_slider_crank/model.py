@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 OWNER = "spatial_slider_crank"
 _PAPER: Final = "Deck and Dubowsky"
+_HALF = "half of the free motion"
 _TABLE_4, _TABLE_5 = Source(f"{_PAPER}, table 4"), Source(f"{_PAPER}, table 5")
 RIGID_ROTATIONS = 2
 
@@ -77,13 +78,13 @@ class SpatialSliderCrank:
     ] = 8
     modal_damping: Annotated[float, Quantity("", 0, 0.5), Bound("", 0.0, 1.0)] = 0.01
     slider: Annotated[Slider, Flat("slider_")] = field(default_factory=Slider)
-    socket_clearance: Annotated[float, Quantity("mm", 0, 2), _TABLE_4] = 0.25e-3
+    socket_clearance: Annotated[float, Quantity("mm", 0, 2, means=_HALF), _TABLE_4] = 0.25e-3
     socket_stiffness: Annotated[
         float, Quantity("N/m", 1e3, 1e11), _TABLE_5, Bound("N/m", 0.0, above=True)
     ] = 2.8e7
     socket_damping: Annotated[float, Quantity("N s/m", 0, 1e5), _TABLE_5, Bound("N s/m", 0.0)] = 44.0
     guide_half_side: Annotated[float, Quantity("mm", 0.5, 200), _TABLE_4] = 6.5e-3
-    guide_clearance: Annotated[float, Quantity("mm", 0, 2), _TABLE_4] = 0.25e-3
+    guide_clearance: Annotated[float, Quantity("mm", 0, 2, means=_HALF), _TABLE_4] = 0.25e-3
     guide_stiffness: Annotated[float, Quantity("N/m", 1e3, 1e11), _TABLE_5, Bound("N/m", 0.0, above=True)] = (
         1.4e7
     )

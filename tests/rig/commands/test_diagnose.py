@@ -56,6 +56,8 @@ def campaign(
         monkeypatch.setattr(diagnosing, "_OVERTIME", 30.0)
         monkeypatch.setattr(diagnosing, "_LAST", 30.0)
         out = run.parent / "answer"
+        out.mkdir()
+        (out / "next_experiment.toml").write_text("of an older answer")
         answer = call("diagnose", run, "--out", out, "--budget", 10, "--seed", 3)
         assert answer.code == 0, answer.err
         content = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
@@ -76,6 +78,12 @@ def test_the_hidden_effect_is_named_in_words_and_files(campaign: Campaign) -> No
     assert content["gap"]["shrink"] > 0.7
     for word in ("clearance", "diagnosis.json", "effects.json", "report.html", "gap"):
         assert word in campaign.answer.out
+
+
+def test_no_next_run_of_an_older_answer_stays(campaign: Campaign) -> None:
+    following = campaign.out / "next_experiment.toml"
+    assert (campaign.content["next_experiment"] is None) == (not following.exists())
+    assert not following.exists() or load_scenario(following).rig == "impact_beam"
 
 
 def test_the_diagnosis_holds_to_the_interface(campaign: Campaign) -> None:

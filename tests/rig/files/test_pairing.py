@@ -258,3 +258,10 @@ def test_an_encoder_on_the_bus_sends_more_than_twice_a_turn() -> None:
     check_bench(bench("80 ms"), TODAY)
     problem = only_problem(lambda: check_bench(bench("90 ms"), TODAY), "encoder.period")
     assert "below 85.71 ms: half a turn at inverter.maximum_speed" in problem.allowed
+
+
+def test_a_rehearsal_that_finds_nothing_to_spoil_is_told_by_the_bench_alone() -> None:
+    text = f'{RIGS["impact_beam"].bench}\n[emulation]\nfaults = ["daq_card.stop_pressed@4"]\n'
+    bench = parse_bench(text, "bench", Path(), "impact_beam")
+    problem = only_problem(lambda: check_bench(bench, TODAY), "emulation.faults")
+    assert "[emergency_stop] on a line of the card" in problem.allowed

@@ -101,3 +101,10 @@ def test_lists_are_as_long_as_they_are() -> None:
     assert wrong != text
     with pytest.raises(Exception, match=r"slider_pin.* a list of 3, each -100 mm to 100 mm"):
         parse_scenario(wrong)
+
+
+def test_a_length_that_may_be_taken_for_its_double_says_what_it_is() -> None:
+    for rig in ("impact_beam", "planar_slider_crank", "spatial_slider_crank"):
+        lines = re.findall(r"^\w*clearance\w* = .*", whole_scenario(RIGS[rig]), re.MULTILINE)
+        assert lines
+        assert all("half of" in line for line in lines)
