@@ -99,6 +99,7 @@ def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         partial(make_generator, settings.at(by_number(settings.resource)), off_first=True),
         lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait, longest_stop_s=off_s),
         card_of(scenario, bench, emulated),
+        spare_beside=settings.takes_several,
     )
 
 
@@ -131,6 +132,7 @@ def supplied(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         lambda wait, measured_rpm: Motor(supply, scenario.drive.speed, wait, measured_rpm, proves=True),
         card_of(scenario, bench, emulated),
         encoder_of(bench, emulated),
+        spare_beside=settings.takes_several,
     )
 
 

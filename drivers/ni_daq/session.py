@@ -95,6 +95,8 @@ CALL_DEADLINE_S = 2.0  # a server that is stopped in a call answers never: nidaq
 ANSWER_MARGIN_S = 0.2
 """A call that waits for samples itself gets this much more than it may wait: the way from a server on this
 machine. With a block and the wait, a card that hangs is known within 0.7 s."""
+MARGINS_S = {"ReadDigitalLines": 0.1}
+"""Of what waits for nothing and is read again at once: where one answer is late the next may be in time."""
 SLOW_CALLS = {  # these reserve and program the chassis, or talk to a sensor over one wire
     "TaskControl": 10.0,
     "StartTask": 10.0,
@@ -110,7 +112,8 @@ class Deadline(grpc.UnaryUnaryClientInterceptor):
         """Pass the call on with its deadline: the request's own `timeout` and a margin, or 2 s."""
         name = str(details.method).rpartition("/")[2]
         wait_s = getattr(request, "timeout", None)
-        deadline_s = SLOW_CALLS.get(name, CALL_DEADLINE_S) if wait_s is None else wait_s + ANSWER_MARGIN_S
+        margin_s = MARGINS_S.get(name, ANSWER_MARGIN_S)
+        deadline_s = SLOW_CALLS.get(name, CALL_DEADLINE_S) if wait_s is None else wait_s + margin_s
         return continuation(details._replace(timeout=deadline_s), request)
 
 

@@ -5,6 +5,7 @@ What stops the machine is the hard-wired chain, with this program or without it.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -21,8 +22,8 @@ SILENCE_S: Final = 0.5
 """25 looks, of something that waits for nothing: only what is frozen misses as many."""
 _UNREAD: Final = round(SILENCE_S / LOOK_S)
 """Looks without a reading, of which a machine that stands still takes nothing."""
-_LATE, _FORGIVEN = 4, 0.1
-"""Late answers, from which on nobody knows how late a line is seen; one in time takes off so much."""
+_LATE, _FORGIVEN_S = 4, 10.0
+"""Late answers, from which on nobody knows how late a line is seen; one is forgotten in so many s."""
 _LEFT_S: Final = 0.5
 """How long a reading that is under way is waited for at the end; one that hangs is left behind."""
 
@@ -101,7 +102,7 @@ class LineWatch:
         self._seen: EmergencyStop | None = None
         self._ended = False
         self._unread, self._looked_s = 0, clock.monotonic_s()  # looks since the last reading; the last one
-        self._late = 0.0
+        self._late, self._late_s = 0.0, -math.inf  # answers, and when the last of them was
 
     def __enter__(self) -> LineWatch:
         try:
@@ -139,11 +140,12 @@ class LineWatch:
         try:
             self._reader.heed()
         except InstrumentSilent:
-            self._late += 1.0
-            if self._late >= _LATE:
+            now_s = self._clock.monotonic_s()
+            forgotten = (now_s - self._late_s) / _FORGIVEN_S
+            self._late, self._late_s = max(self._late - forgotten, 0.0) + 1.0, now_s
+            if self._late > _LATE - 1:
                 raise
             return
-        self._late = max(self._late - _FORGIVEN, 0.0)
         self._unread = 0  # no lock: at worst one of these is lost, and the next counts
 
     def _see(self, error: InstrumentError) -> None:

@@ -52,6 +52,11 @@ def longest_off_s(resource: str) -> float:
     return 0.0 if resource.startswith("TCPIP") else 2 * MOVING_S
 
 
+def takes_several(resource: str) -> bool:
+    """Whether a second connection may speak while the first does: at a socket, not behind a line or a bus."""
+    return resource.startswith("TCPIP") and resource.endswith("::SOCKET")
+
+
 def number_in(answer: str) -> float:
     """Return the number in an answer, 9.9E37 as infinity; ValueError for anything else, NaN included."""
     text = answer.strip()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from daq.disk import write_whole
-from daq.errors import RattleError
+from daq.errors import RattleError, RecorderFailed
 from rig.diagnosis.argument import of_cut_short
 from rig.diagnosis.document import document, effects_file, gap_block, provenance, write_json
 from rig.diagnosis.experiments import Experiment, Option, options
@@ -122,12 +122,15 @@ def diagnose_runs(
     )
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
     out.mkdir(parents=True, exist_ok=True)
+    following = out / "next_experiment.toml"
+    try:
+        following.unlink(missing_ok=True)  # of an answer that was here before
+    except OSError as error:
+        raise RecorderFailed(f"cannot remove {following}: {error.strerror}") from error
     files = {what: out / name for what, name in names.items()}
     content["sentences"] = verdict.sentences(case)
     write_json(files["diagnosis"], content)
     write_json(files["effects"], effects_file(findings))
-    following = out / "next_experiment.toml"
-    following.unlink(missing_ok=True)  # of an answer that was here before
     if experiment is not None:
         files["next run"] = following
         write_whole(following, experiment.scenario.encode())

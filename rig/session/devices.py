@@ -39,9 +39,10 @@ class Devices:
     """What a run drives and reads.
 
     `spare` makes another driver of the same actuator (picklable, for the supervisor); None where no second
-    one can be opened beside the first. `motion(wait, measured_rpm)` is what the actuator does in a run:
-    `wait` waits that many seconds and may raise, `measured_rpm` gives the speed of the shaft as the
-    instruments on it see it, NaN where they do not. `loggers` measure beside the card, by their tables.
+    one can be opened beside the first; `spare_beside`: it may speak while the first does.
+    `motion(wait, measured_rpm)` is what the actuator does in a run: `wait` waits that many seconds and may
+    raise, `measured_rpm` gives the speed of the shaft as the instruments on it see it, NaN where they do not.
+    `loggers` measure beside the card, by their tables.
     `line` makes a reader of the emergency stop's line on the card (picklable, for the supervisor);
     `emergency_stop` is what an actuator has seen of one that it reads itself. `latch` keeps what was seen.
     """
@@ -56,6 +57,7 @@ class Devices:
     line: Callable[[], LineReader] | None = None
     emergency_stop: Callable[[], EmergencyStop | None] = lambda: None
     latch: Latch | None = None
+    spare_beside: bool = False
 
     @property
     def logged(self) -> tuple[Channel, ...]:

@@ -97,9 +97,11 @@ class DrivenRig:
         off_s, by_hand = self.motion.longest_stop_s, actuator.by_hand
         self._hangs_up = standing is None
         self._supervisor = (
-            Supervisor(*watched, off_s, by_hand=by_hand)
+            Supervisor(*watched, off_s, by_hand=by_hand, at_once=devices.spare_beside)
             if standing is None
-            else standing.supervised(lambda: Supervisor(*watched, off_s, stays=True, by_hand=by_hand))
+            else standing.supervised(
+                lambda: Supervisor(*watched, off_s, stays=True, by_hand=by_hand, at_once=devices.spare_beside)
+            )
         )
         self.stream = Stream()
         self.logbook = Logbook(clock, self.stream, screen)

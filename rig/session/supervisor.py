@@ -39,6 +39,7 @@ _UNANSWERED = 250
 """Signs of life without an answer: 5 s. A busy machine keeps it from answering for half a second."""
 _MOST_FILES = 1024  # the usual limit of open files of a process
 _READY, _HEARD, _DONE, _OFF, _TRIPPED = "ready", "heard", "done", "off", "tripped"
+_ENDS: dict[object, str | None] = {_DONE: None, _OFF: _OFF}
 _LET_GO = (
     "rattle: the run gave no sign of life for {silence:g} s and was ended, so that nothing is sent to the "
     "motor any more: its inverter's own watchdog (Pr.122) stops it. What was recorded: rattle recover"
@@ -72,9 +73,9 @@ class Supervisor:
     keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
 
     It reads the emergency stop's `line` on the card, picklable too, tells it as `emergency_stop` and sets the
-    `latch`. A spare whose words cannot run into those of the run (`off_s` 0) says its off at once, beside
-    the run's own. From then on it waits for 0.06 s instead and for the `off_s` more that an off may look at
-    nothing else, but for 0.5 s at most, and so long without a spare.
+    `latch`. A spare that may speak beside the run says its off `at_once`. Without one, or where it fails, it
+    waits for 0.06 s from then on and for the `off_s` more that an off may look at nothing else, but for 0.5 s
+    at most, and so long without a spare.
 
     One that `stays` goes on watching a rig that has come to rest, for the next run to beat, until `close`.
     """
@@ -89,6 +90,7 @@ class Supervisor:
         off_s: float = 0.0,
         stays: bool = False,
         by_hand: bool = False,
+        at_once: bool = False,
     ) -> None:
         self._stays = stays
         self._silence_s = LET_GO_S if spare is None else SILENCE_S
@@ -99,7 +101,6 @@ class Supervisor:
         self._hearing = threading.Lock()  # sequence and guard both read the pipe
         # Nothing but its pipe or SIGKILL ends it, and not that the run is gone: that is what it is there for.
         # What it frees is hardly anything.
-        at_once = off_s == 0.0 and not by_hand
         watched = spare, locks, emulated, by_hand, line, latch, hurry_s, at_once
         self._child = Child(
             "supervisor", _supervise, *watched, deaf_to=STOP_SIGNALS, grace_s=None, keeps_memory=True
@@ -233,7 +234,7 @@ def _supervise(
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     if spare is not None:
         spare()  # so that all that its driver needs is loaded while everything is still well
-    off = _off_in_a_thread(spare) if spare is not None and line is not None and at_once else _left_alone
+    off = _OffAtOnce(spare if line is not None and at_once else None)
     with (
         Latching(latch, _say) as latching,
         nullcontext() if line is None else LineWatch(line, SystemClock()) as watch,
@@ -243,6 +244,7 @@ def _supervise(
             why = _await_silence(pipe, watch, latching, hurry_s, off)
         except Exception as error:  # top of a process: what moves is not to be left to nobody
             why = failed = f"{_FAILED}: {type(error).__name__}: {error}"
+        off.leave()
         if why is None:
             return
         if spare is None:
@@ -321,62 +323,87 @@ def _say(text: str) -> None:
             print(text, file=sys.stderr, flush=True)
 
 
-def _off_in_a_thread(spare: Callable[[], Actuator]) -> Callable[[], None]:
-    """Switches the drive off once it is called, by a thread that is there before it is needed."""
-    called = threading.Event()
+class _OffAtOnce:
+    """Switches the drive off once it is called, by a thread that is there before it is needed.
 
-    def wait() -> None:
-        called.wait()
-        switch_off(spare)
+    One without a spare fails.
+    """
 
-    threading.Thread(target=wait, name="off at once", daemon=True).start()
-    return called.set
+    def __init__(self, spare: Callable[[], Actuator] | None) -> None:
+        self._called, self._took = threading.Event(), False
+        self._thread = threading.Thread(target=self._wait, args=(spare,), name="off at once", daemon=True)
+        if spare is not None:
+            self._thread.start()
+
+    def call(self, moves: bool) -> None:
+        """Off, unless nothing `moves` yet."""
+        if moves:
+            self._called.set()
+
+    @property
+    def under_way(self) -> bool:
+        return self._called.is_set() and self._thread.is_alive()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the drive did not take it."""
+        return not self._thread.is_alive() and not self._took
+
+    def leave(self) -> None:
+        """Wait for one that is under way; one that hangs is left behind."""
+        if self.under_way:
+            self._thread.join(SILENCE_S)
+
+    def _wait(self, spare: Callable[[], Actuator]) -> None:
+        self._called.wait()
+        self._took = switch_off(spare)
 
 
-def _left_alone() -> None:
-    """To a run that lives."""
+def _at_most(seconds: float, longest_s: float) -> float:
+    """For ever stays so: then the run has said that nothing moves."""
+    return seconds if seconds == math.inf else min(seconds, longest_s)
 
 
 def _await_silence(
-    pipe: Connection, line: LineWatch | None, latching: Latching, hurry_s: float, off: Callable[[], None]
+    pipe: Connection, line: LineWatch | None, latching: Latching, hurry_s: float, off: _OffAtOnce
 ) -> str | None:
     """Wait until the run dies or beats no more, and say which; None where it has ended as it should.
 
-    Once `line` is seen open, which `latching` and the run are told, it may be silent for `hurry_s` at most;
-    `off` is called where anything moves.
+    Once `line` is seen open, which `latching` and the run are told, `off` is called where anything moves.
+    Where that fails, the run may be silent for `hurry_s` at most.
     """
     until_s, patience_s, longest_s, slept = math.inf, 0.0, math.inf, False  # no beat yet: nothing moves
-    pipe_has, signs = _looks_at(pipe), 0
+    pipe_has, signs, hurries = _looks_at(pipe), 0, False
     os.set_blocking(pipe.fileno(), False)  # a run that reads nothing must not keep it from switching off
     try:
         pipe.send(_READY)
         while True:
             if line is not None and (seen := line.look()) is not None:
-                line, longest_s = None, hurry_s
-                if until_s < math.inf:  # else nothing moves yet
-                    off()
-                    until_s = min(until_s, time.monotonic() + hurry_s)
+                line, hurries = None, True
+                off.call(moves=until_s < math.inf)
                 latching.give(seen)
                 pipe.send(seen)
-            wait_s = min(max(until_s - time.monotonic(), 0.0), math.inf if line is None else LOOK_S)
+            if hurries and off.failed:
+                hurries, longest_s = False, hurry_s
+                until_s = _at_most(until_s, time.monotonic() + hurry_s)
+            looks = line is not None or off.under_way
+            wait_s = min(max(until_s - time.monotonic(), 0.0), LOOK_S if looks else math.inf)
             if pipe_has.poll(None if wait_s == math.inf else wait_s * 1e3):
                 message = pipe.recv()
-                if message in (_DONE, _OFF):
-                    return None if message == _DONE else _OFF
+                if message in _ENDS:
+                    return _ENDS[message]
                 patience_s, slept = message, False
                 if signs % _ANSWERED == 0:
                     with suppress(BlockingIOError):  # nobody reads them: that is for the run to see
                         pipe.send(_HEARD)
                 signs += 1
-            elif line is not None and time.monotonic() < until_s:
+            elif looks and time.monotonic() < until_s:
                 continue
             elif slept or time.monotonic() - until_s < _SLEPT_S:
                 return _LET_GO.format(silence=min(LET_GO_S, longest_s))
             else:  # the whole machine stood still, the run with it: once more
                 slept = True
-            # for ever where the run has said that nothing moves
-            within_s = patience_s if patience_s == math.inf else min(patience_s, longest_s)
-            until_s = time.monotonic() + within_s
+            until_s = time.monotonic() + _at_most(patience_s, longest_s)
     except (EOFError, OSError):
         return _GONE
 

@@ -111,11 +111,17 @@ def launched(tmp_path: Path) -> Iterator[Callable[..., Supervisor]]:
     with lock("generator", "here") as held:
 
         def launch(
-            emulated: bool = False, line: bool = False, off_s: float = 0.0, stays: bool = False
+            emulated: bool = False,
+            line: bool = False,
+            off_s: float = 0.0,
+            stays: bool = False,
+            at_once: bool = False,
         ) -> Supervisor:
             watched = partial(FileLine, tmp_path) if line else None
             generator, latch = partial(FarGenerator, tmp_path), Latch("generator", "here")
-            supervisor = Supervisor(generator, [held], emulated, watched, latch, off_s, stays)
+            supervisor = Supervisor(
+                generator, [held], emulated, watched, latch, off_s, stays, at_once=at_once
+            )
             supervisor.launch()
             return supervisor
 
@@ -299,13 +305,13 @@ def test_nobody_waits_for_another_who_hears_it(launched: Callable[..., Superviso
         assert time.monotonic() - since_s < 1.0
 
 
-@pytest.mark.parametrize(("off_s", "at_once"), [(0.0, True), (1.0, False)])
+@pytest.mark.parametrize("at_once", [True, False])
 def test_an_emergency_stop_is_told_and_the_run_that_lives_goes_on_to_its_end(
-    launched: Callable[..., Supervisor], tmp_path: Path, off_s: float, at_once: bool
+    launched: Callable[..., Supervisor], tmp_path: Path, at_once: bool
 ) -> None:
     """With an off beside its own where that cannot garble it."""
     (tmp_path / "there").touch()
-    with launched(line=True, off_s=off_s) as supervisor:
+    with launched(line=True, off_s=1.0, at_once=at_once) as supervisor:
         beating = threading.Event()
 
         def beat() -> None:
@@ -322,25 +328,42 @@ def test_an_emergency_stop_is_told_and_the_run_that_lives_goes_on_to_its_end(
         (tmp_path / "pressed").unlink()
         time.sleep(0.2)
         seen = supervisor.emergency_stop
+        supervisor.check()  # nobody took it over
         beating.set()
         run.join()
         assert seen is not None
         assert pressed_s < seen.at_s < pressed_s + 0.1
         assert (tmp_path / "off").exists() == at_once
-        supervisor.check()  # nobody took it over
 
 
+@pytest.mark.parametrize("at_once", [True, False])
 def test_an_emergency_stop_that_finds_the_run_silent_is_the_supervisors(
-    launched: Callable[..., Supervisor], tmp_path: Path
+    launched: Callable[..., Supervisor], tmp_path: Path, at_once: bool
 ) -> None:
     """Sooner than the silence alone would be noticed."""
     (tmp_path / "there").touch()
-    with launched(line=True) as supervisor:
+    with launched(line=True, at_once=at_once) as supervisor:
         supervisor.beat()
         pressed_s = time.monotonic()
         (tmp_path / "pressed").touch()
         await_true("switched off", (tmp_path / "off").exists)
-        assert time.monotonic() - pressed_s < 0.15
+        assert time.monotonic() - pressed_s < SILENCE_S / 2
+
+
+def test_an_off_at_once_that_fails_leaves_the_run_as_little_time_as_without_it(
+    launched: Callable[..., Supervisor], tmp_path: Path
+) -> None:
+    with launched(line=True, at_once=True) as supervisor:
+        supervisor.beat()
+        time.sleep(0.1)  # 0.4 s more would be its own
+        (tmp_path / "pressed").touch()
+        pressed_s = time.monotonic()
+        await_true("taken over", supervisor._heard)
+        assert time.monotonic() - pressed_s < 0.3
+        number = process_in(supervisor.go_on())
+    (tmp_path / "there").touch()
+    await_true("switched off", (tmp_path / "off").exists)
+    await_true("its end", lambda: has_ended(number))
 
 
 def test_one_that_is_open_before_anything_moves_moves_nothing(
