@@ -22,6 +22,9 @@ from daq.process import Child
 
 START_DEADLINE_S = 60.0  # a plant may have to be compiled first
 STOP_DEADLINE_S = 5.0  # a child of its own accord takes half of that, below
+_SWITCH_S = 0.0005
+"""Between threads of an emulator. An instrument answers while its plant is computed; Python's own 5 ms, some
+times for each answer, came to half a second on a busy machine."""
 
 
 class Emulator(Protocol):
@@ -151,6 +154,7 @@ def _serve(pipe: Connection, make: Callable[[], Emulator]) -> None:
         threading.Timer(grace_s, os._exit, args=(1,)).start()  # not sys.exit: that would wait for threads
 
     threading.Thread(target=end_with_pipe, daemon=True).start()  # the pipe's end is all that is heard
+    sys.setswitchinterval(_SWITCH_S)
     try:
         emulator = make()
         addresses = emulator.open()
