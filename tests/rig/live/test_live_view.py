@@ -170,8 +170,7 @@ def test_offering_16_channels_at_51200_hz_takes_under_3_percent_of_a_core(view: 
         offer(view, 0.1, first / RATE)
         time.sleep(max(0.1 - (time.monotonic() - started), 0.0))  # the card's own pace
     assert (time.process_time() - before) / seconds < 0.03  # the budget; 1.2 % as measured
-    # a view gives way to other tests; half of it, measured and predicted, has to be taken for that to count
-    assert view.dropped < seconds * RATE / len(QUIET) * len(MANY)
+    assert view.dropped == 0
 
 
 @pytest.mark.long
