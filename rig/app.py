@@ -17,6 +17,7 @@ from drivers.mitsubishi_fr.settings import InverterSettings
 from drivers.protocols.card import AcquisitionCard
 from drivers.protocols.encoder import PositionEncoder
 from drivers.protocols.instrument import by_number
+from drivers.scpi.language import takes_several
 from drivers.scpi.settings import GeneratorSettings
 from drivers.scpi.supply_settings import SupplySettings
 from rig.emulation import NOTHING_EMULATED, STARTING, Emulated, emulated_bench, first_start
@@ -99,7 +100,7 @@ def shaken(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         partial(make_generator, settings.at(by_number(settings.resource)), off_first=True),
         lambda wait, _: Shaker(driver, scenario.drive, generator.force_per_volt, wait, longest_stop_s=off_s),
         card_of(scenario, bench, emulated),
-        spare_beside=settings.takes_several,
+        spare_beside=takes_several(settings.resource),
     )
 
 
@@ -132,7 +133,7 @@ def supplied(scenario: Scenario, bench: Bench, emulated: Emulated) -> Devices:
         lambda wait, measured_rpm: Motor(supply, scenario.drive.speed, wait, measured_rpm, proves=True),
         card_of(scenario, bench, emulated),
         encoder_of(bench, emulated),
-        spare_beside=settings.takes_several,
+        spare_beside=takes_several(settings.resource),
     )
 
 

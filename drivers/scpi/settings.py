@@ -10,15 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
 
 from daq.quantity import Key, Quantity
-from drivers.scpi.language import (
-    SERIAL,
-    VISA_ADDRESS,
-    Choice,
-    Number,
-    longest_off_s,
-    reachable,
-    takes_several,
-)
+from drivers.scpi.language import SERIAL, VISA_ADDRESS, Choice, Number, longest_off_s, reachable
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +43,6 @@ class GeneratorSettings:
     def longest_off_s(self) -> float:
         """See `drivers.scpi.language.longest_off_s`."""
         return longest_off_s(self.resource)
-
-    @property
-    def takes_several(self) -> bool:
-        """See `drivers.scpi.language.takes_several`."""
-        return takes_several(self.resource)
 
     @property
     def maximum_amplitude_v(self) -> float:

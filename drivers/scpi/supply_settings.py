@@ -14,15 +14,7 @@ from enum import IntFlag
 from typing import Annotated, Any, ClassVar, Literal
 
 from daq.quantity import Key, Quantity, rule
-from drivers.scpi.language import (
-    SERIAL,
-    VISA_ADDRESS,
-    Choice,
-    Number,
-    longest_off_s,
-    reachable,
-    takes_several,
-)
+from drivers.scpi.language import SERIAL, VISA_ADDRESS, Choice, Number, longest_off_s, reachable
 
 KNOWN_MODELS = re.compile(r"N[67]9[57]\dA")
 HIGHEST_V, HIGHEST_A = 160.0, 200.0  # of any model's rating
@@ -121,11 +113,6 @@ class SupplySettings:
     def longest_off_s(self) -> float:
         """See `drivers.scpi.language.longest_off_s`."""
         return longest_off_s(self.resource)
-
-    @property
-    def takes_several(self) -> bool:
-        """See `drivers.scpi.language.takes_several`."""
-        return takes_several(self.resource)
 
     @property
     def maximum_speed(self) -> float:

@@ -40,6 +40,7 @@ def identify(
 ) -> None:
     from daq.disk import write_whole
     from rig.diagnosis import identify as work
+    from rig.diagnosis.one_rig import Refused
     from rig.files.out_folder import require_new
     from rig.files.scenario import parse_scenario
 
@@ -62,7 +63,7 @@ def identify(
     except KeyboardInterrupt:
         screen.say(f"what was simulated is kept in {folder}; the same command goes on there")
         raise
-    except work.Refused:
+    except Refused:
         work.discard(folder)
         raise
     names = [path.name for path in data.paths]

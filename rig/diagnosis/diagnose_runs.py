@@ -121,12 +121,7 @@ def diagnose_runs(
         findings, catalogue, data.paths, said, reach, experiment, seconds, remarks, forces, units, cycles
     )
     names = {"diagnosis": "diagnosis.json", "effects": "effects.json", "report": "report.html"}
-    out.mkdir(parents=True, exist_ok=True)
-    following = out / "next_experiment.toml"
-    try:
-        following.unlink(missing_ok=True)  # of an answer that was here before
-    except OSError as error:
-        raise RecorderFailed(f"cannot remove {following}: {error.strerror}") from error
+    following = _without_an_older_next_run(out)
     files = {what: out / name for what, name in names.items()}
     content["sentences"] = verdict.sentences(case)
     write_json(files["diagnosis"], content)
@@ -136,6 +131,17 @@ def diagnose_runs(
         write_whole(following, experiment.scenario.encode())
     write_report(files["report"], replace(case, diagnosis=content))
     return findings, files
+
+
+def _without_an_older_next_run(out: Path) -> Path:
+    """Make the folder; where the next run is to stand, and none of an answer that was here before does."""
+    out.mkdir(parents=True, exist_ok=True)
+    following = out / "next_experiment.toml"
+    try:
+        following.unlink(missing_ok=True)
+    except OSError as error:
+        raise RecorderFailed(f"cannot remove {following}: {error.strerror}") from error
+    return following
 
 
 SECTIONS: Sequence[Section[Case]] = (

@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from io import BytesIO
-from itertools import combinations, islice
-from math import inf
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from daq.quantity import Quantity, Setting
 from rig.diagnosis.experiments import options
 from rig.diagnosis.kept import kept_arrays, version_of
 from rig.diagnosis.model_values import WithValues, tolerance_of
+from rig.diagnosis.one_rig import NOT_THIS_RIG, Refused, of_one_rig, require_one_rig
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.faults import Faults
@@ -39,7 +39,7 @@ from rig.session.pace import reading
 from rig.session.progress import Screen
 from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import Cell, NarrowColumns
-from sim_twin.diagnosis.gap import GapMeasure, gap_measure
+from sim_twin.diagnosis.gap import gap_measure
 from sim_twin.diagnosis.identification import (
     MOST_ROUNDS,
     Known,
@@ -168,10 +168,6 @@ class OutOfTime(RattleError):
     """What has been simulated by then is kept."""
 
 
-class Refused(RattleError):
-    """No such rig: the same command would say so again."""
-
-
 _GROUP = 8
 """Draws that are kept in one file, on however many cores."""
 
@@ -227,11 +223,6 @@ class Kept:
 
 _HEALTHY = 48
 _FEWEST = 8
-_NOT_THIS_RIG = 2.0
-"""Gap from which on the values explain nothing."""
-_STANDS_OUT = 1.5
-"""Times: a run that does not fit lies so much farther off than any other, two runs of different rigs so much
-farther apart than those of any healthy one."""
 _CHATTERS_FROM = 25.0
 """Multiples of a cycle's frequency, beyond which only impacts reach."""
 _OVER_NOISE, _MOST_CYCLES = 5.0, 0.5
@@ -336,59 +327,6 @@ def _nothing_told(known: Known) -> Refused:
     )
 
 
-def require_one_rig(names: Sequence[str], apart: Sequence[float], gap: float = 1.0) -> None:
-    """Refuse runs of which one says other values than the others, see `Round.apart`.
-
-    Where a `gap` is left, what the twin lacks may be all that they say otherwise.
-    """
-    worst = int(np.argmax(apart)) if apart else 0
-    if not apart or apart[worst] <= _STANDS_OUT * max(1.0, gap):
-        return
-    others = [name for number, name in enumerate(names) if number != worst]
-    who = f"{names[worst]} asks for other values than {listed(others)}"
-    if len(names) == 2:
-        who = f"{listed(names)} ask for different values"
-    raise Refused(
-        f"{who}: {apart[worst]:.1f} times as far apart as the runs of any rig that was simulated. They may "
-        "be of two rigs, of one in two states, or show what the twin lacks: nothing was written. Identify "
-        "each by itself (one named by --frf: leave it out)"
-    )
-
-
-def of_one_rig(
-    data: RecordedCampaign, measure: GapMeasure, healthy: Sequence[NDArray[np.floating]]
-) -> list[float]:
-    """Gap of each run; RattleError where one does not fit though the others do, or two are of two rigs.
-
-    `healthy` are fingerprints of the rigs that the measure is made of. Values between those of two rigs may
-    leave neither far off; but runs of one setting then lie on either side of them.
-    """
-    gaps, names = measure.of_runs(data.measured), [path.name for path in data.paths]
-    worst = int(np.argmax(gaps))
-    others = max((gap for number, gap in enumerate(gaps) if number != worst), default=inf)
-    farthest = max(measure.of_runs(rig)[worst] for rig in healthy)
-    if others <= _NOT_THIS_RIG and gaps[worst] > max(_NOT_THIS_RIG, farthest, _STANDS_OUT * others):
-        raise Refused(
-            f"{names[worst]} does not fit, though the other runs do: with the values found its gap is "
-            f"{gaps[worst]:.2f}, theirs {others:.2f} at most (1 is a healthy rig's). It may be of another "
-            "rig, of this one in another state, or show what the twin lacks: nothing was written. Leave it "
-            "out"
-        )
-    settings = [(scenario.drive, scenario.model) for scenario in map(parse_scenario, data.scenarios)]
-    for one, other in combinations(range(len(gaps)), 2):
-        apart = measure.between(data.measured, one, other) if settings[one] == settings[other] else None
-        if apart is None:
-            continue
-        usual = max(measure.between(rig[:1], one, other) or 0.0 for rig in healthy)
-        if apart > max(_NOT_THIS_RIG, _STANDS_OUT * usual):
-            raise Refused(
-                f"{names[one]} and {names[other]} were recorded at one setting and lie a gap of {apart:.2f} "
-                f"from one another, where two runs of a healthy rig lie {usual:.2f} at most. They may be of "
-                "two rigs, or of one in two states: nothing was written. Identify each by itself"
-            )
-    return gaps
-
-
 def identify(
     data: RecordedCampaign,
     wides: Sequence[Wide],
@@ -443,7 +381,7 @@ def identify(
         # many figures of responses that fit are not to hide that a motion does not
         of_motion = measure.total(cells, lambda cell: not _alone(campaign.runs[cell.run]))
         gap = max(of_motion, measure.total(cells))
-        if gap > _NOT_THIS_RIG:
+        if gap > NOT_THIS_RIG:
             raise Refused(
                 f"the best such rig still lies a gap of {gap:.2f} from these runs (1 is a healthy rig's), so "
                 "something else is missing or wrong: nothing was written. rattle diagnose may tell what"

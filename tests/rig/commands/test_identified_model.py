@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from daq.errors import RattleError
 from rig.diagnosis import identify as work
-from rig.diagnosis.identify import Identification, of_one_rig, read_for, wide_of
+from rig.diagnosis.identify import Identification, read_for, wide_of
+from rig.diagnosis.one_rig import of_one_rig
 from rig.files.model_file import load_model
 from rig.files.scenario import load_scenario, parse_scenario
 from rig.rigs import RIGS
