@@ -335,19 +335,15 @@ class _OffAtOnce:
         if spare is not None:
             self._thread.start()
 
-    def call(self, moves: bool) -> None:
-        """Off, unless nothing `moves` yet."""
+    def call(self, moves: bool) -> bool:
+        """Off, unless nothing `moves` yet; returns False once the drive did not take it."""
         if moves:
             self._called.set()
+        return self._thread.is_alive() or self._took
 
     @property
     def under_way(self) -> bool:
         return self._called.is_set() and self._thread.is_alive()
-
-    @property
-    def failed(self) -> bool:
-        """Whether the drive did not take it."""
-        return not self._thread.is_alive() and not self._took
 
     def leave(self) -> None:
         """Wait for one that is under way; one that hangs is left behind."""
@@ -380,10 +376,10 @@ def _await_silence(
         while True:
             if line is not None and (seen := line.look()) is not None:
                 line, hurries = None, True
-                off.call(moves=until_s < math.inf)
                 latching.give(seen)
                 pipe.send(seen)
-            if hurries and off.failed:
+            # also once what was at rest begins to move all the same
+            if hurries and not off.call(moves=until_s < math.inf):
                 hurries, longest_s = False, hurry_s
                 until_s = _at_most(until_s, time.monotonic() + hurry_s)
             looks = line is not None or off.under_way

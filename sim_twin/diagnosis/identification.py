@@ -29,14 +29,16 @@ VALUES = "model"
 _BLOCKS = 2
 _FARTHEST = 5.0
 """Deviations of the prior."""
-_WIDER = (1.0, 2.5, 2.0, 1.5)
-"""Proposals over the posterior so far, round by round and then on: it may be off, most of all at first."""
+_WIDER = 1.5
+"""Proposals over what rigs of a few blocks would leave open about the posterior so far, which may be off."""
 _WIDEST, _LEAST = 1.25, 1e-12
 """Deviations of the prior, than which a proposal is no wider in any direction; square of the narrowest."""
 _NEAR = 0.995
 """Share of a proposal within which earlier rigs are looked at again."""
-_FEWEST_OF_ALL, _EACH = 120, 16
+_FEWEST_OF_ALL, _EACH = 80, 10
 """Rigs of a round: so many, and so many more for each value."""
+_ONE_MORE = 120
+"""Rigs by which one more run is judged."""
 _FEWEST = 8
 """Rigs for each value, from which on anything is made of them."""
 FEWEST_ROUNDS, MOST_ROUNDS = 3, 7
@@ -191,15 +193,17 @@ def fitted_rounds(
     rigs came out.
     """
     moments = Moments(subject.layout)
-    known, library = nothing_known(wides), _Library(moments)
+    about = known = nothing_known(wides)
+    library, worth = _Library(moments), moments.worth(told, len(measured))
     for number in range(MOST_ROUNDS):
-        wider = _WIDER[min(number, len(_WIDER) - 1)]
-        places = _proposed(known, wider, rng)
+        wider = _WIDER if number else 1.0
+        places = _proposed(about, wider, rng)
         observed = simulate(draws_of(known, places, rng))
         library.add(places, [each[0] if each else None for each in observed])
         cut_short = any(not each for each in observed)
-        near = library.near(known, wider)
-        found = _posterior(known, near, moments, measured, rng, told)
+        near = library.near(about, wider)
+        # nearer by than rigs of few blocks are told apart, a fit is of their scatter
+        found, about = _posteriors(about, near, moments, measured, rng, (worth, np.minimum(worth, _BLOCKS)))
         moved = np.abs(found.mean - known.mean) / np.maximum(found.deviation, 1e-9)
         at_rest = moved.max() < _ONE_MOVED and bool(np.all(found.deviation > _NARROWED * known.deviation))
         converged = number + 1 >= FEWEST_ROUNDS and at_rest and _moved_together(known, found) < _MOVED
@@ -288,25 +292,31 @@ class _Library:
         return _Near(root, local[near], np.array(self.features)[near])
 
 
-def _posterior(
+def _posteriors(
     about: Known,
     near: _Near,
     moments: Moments,
     measured: NDArray[np.float32],
     rng: np.random.Generator,
-    told: Sequence[float],
-) -> Known:
-    """What the rigs near `about` make of the measurement, for the prior of all values."""
+    worths: Sequence[Array],
+) -> list[Known]:
+    """What the rigs near `about` make of the measurement, for the prior of all values.
+
+    One for each of `worths`: how many blocks each feature is worth (features,).
+    """
     following, root = followed(near.local, near.features, moments, rng), near.root
-    response = following.response(moments.worth(told, len(measured)))
-    place = following.summary(moments(measured)) - response.centre
-    # the prior, standard normal in the places, in the local coordinates
-    pull = response.slope.T @ response.precision
-    covariance = np.linalg.inv(pull @ response.slope + root.T @ root)
-    mean = covariance @ (pull @ place - root.T @ about.mean)
-    found = root @ covariance @ root.T
-    centre = np.clip(about.mean + root @ mean, -_FARTHEST, _FARTHEST)
-    return Known(about.wides, centre, np.asarray((found + found.T) / 2))
+    summary = following.summary(moments(measured))
+    found = []
+    for worth in worths:
+        response = following.response(worth)
+        # the prior, standard normal in the places, in the local coordinates
+        pull = response.slope.T @ response.precision
+        covariance = np.linalg.inv(pull @ response.slope + root.T @ root)
+        mean = covariance @ (pull @ (summary - response.centre) - root.T @ about.mean)
+        spread = root @ covariance @ root.T
+        centre = np.clip(about.mean + root @ mean, -_FARTHEST, _FARTHEST)
+        found.append(Known(about.wides, centre, np.asarray((spread + spread.T) / 2)))
+    return found
 
 
 def _apart(
@@ -365,11 +375,11 @@ def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.ra
     Raises SimulationFailed where too few rigs came out.
     """
     root = np.linalg.cholesky(known.covariance)
-    local = rng.standard_normal((_FEWEST_OF_ALL, len(root)))
+    local = rng.standard_normal((_ONE_MORE, len(root)))
     places = np.clip(known.mean + local @ root.T, -_FARTHEST, _FARTHEST)
     library = _Library(Moments(subject.layout))
     library.add(local, [each[0] if each else None for each in simulate(draws_of(known, places, rng))])
-    if len(library) < _FEWEST_OF_ALL / 2:
+    if len(library) < _ONE_MORE / 2:
         raise SimulationFailed("hardly any rig could be simulated at that setting", "try another")
     moments = Moments(subject.layout)
     following = followed(np.array(library.places), np.array(library.features), moments, rng)

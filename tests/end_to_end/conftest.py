@@ -42,11 +42,11 @@ def compiled() -> None:
 def recorded_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
     """Two runs on the emulated bench, at the same time.
 
-    `settled` lasts 2 s after a soft start, on whatever rig the day brings; `rest 7` begins from rest on a rig
+    `settled` lasts 6 s after a soft start, on whatever rig the day brings; `rest 7` begins from rest on a rig
     that anybody can have again.
     """
     folder = tmp_path_factory.mktemp("recorded")
-    settled = write_scenario(folder / "settled.toml", settle_s=1.0, duration_s=2.0)
+    settled = write_scenario(folder / "settled.toml", settle_s=1.0, duration_s=6.0)
     rest = write_scenario(folder / "rest.toml", settle_s=0.0, duration_s=0.4)
     bench = write_bench(folder / "bench.toml", emulation="[emulation]\nseed = 7")
     with ExitStack() as stack:

@@ -74,6 +74,11 @@ def closed_within_its_deadline(live: LiveView) -> bool:
     return time.monotonic() - before < CLOSE_S + 1.0  # one second to end what did not end by itself
 
 
+def processor_s(process: psutil.Process) -> float:
+    spent = process.cpu_times()
+    return spent.user + spent.system
+
+
 def gone(process: int) -> bool:
     return not psutil.pid_exists(process) or psutil.Process(process).status() == psutil.STATUS_ZOMBIE
 
@@ -162,15 +167,23 @@ def test_when_the_acquisition_is_killed_its_view_ends_too() -> None:
     assert wait_until(lambda: all(gone(process) for process in processes))
 
 
-def test_offering_16_channels_at_51200_hz_takes_under_3_percent_of_a_core(view: LiveView) -> None:
-    seconds = 5.0
-    before = time.process_time()
+def test_16_channels_at_51200_hz_take_under_3_percent_of_a_core_to_offer_and_half_of_one_to_show(
+    view: LiveView,
+) -> None:
+    """What a view takes is paid for; what it drops, because a busy machine does not let it run, is not."""
+    seconds, offered = 5.0, 0
+    shows = [psutil.Process(process) for process in view.processes]
+    before, shown_before = time.process_time(), [processor_s(each) for each in shows]
     for first in range(0, round(seconds * RATE), len(QUIET)):
         started = time.monotonic()
         offer(view, 0.1, first / RATE)
+        offered += 2 * len(MANY)
         time.sleep(max(0.1 - (time.monotonic() - started), 0.0))  # the card's own pace
-    assert (time.process_time() - before) / seconds < 0.03  # the budget; 1.2 % as measured
-    assert view.dropped == 0
+    offering = (time.process_time() - before) / seconds
+    showing = [(processor_s(each) - shown) / seconds for each, shown in zip(shows, shown_before, strict=True)]
+    taken = 1.0 - view.dropped / offered
+    assert offering < 0.03 * taken  # the budget; 1.2 % as measured
+    assert max(showing) < 0.5 * taken
 
 
 @pytest.mark.long

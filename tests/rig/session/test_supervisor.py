@@ -350,6 +350,21 @@ def test_an_emergency_stop_that_finds_the_run_silent_is_the_supervisors(
         assert time.monotonic() - pressed_s < SILENCE_S / 2
 
 
+@pytest.mark.parametrize("at_once", [True, False])
+def test_what_begins_to_move_after_an_emergency_stop_is_off_as_soon(
+    launched: Callable[..., Supervisor], tmp_path: Path, at_once: bool
+) -> None:
+    (tmp_path / "there").touch()
+    with launched(line=True, at_once=at_once) as supervisor:
+        (tmp_path / "pressed").touch()
+        await_true("seen", lambda: supervisor.emergency_stop)
+        assert not (tmp_path / "off").exists()
+        supervisor.beat()
+        began_s = time.monotonic()
+        await_true("switched off", (tmp_path / "off").exists)
+        assert time.monotonic() - began_s < SILENCE_S / 2
+
+
 def test_an_off_at_once_that_fails_leaves_the_run_as_little_time_as_without_it(
     launched: Callable[..., Supervisor], tmp_path: Path
 ) -> None:
