@@ -268,7 +268,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", choices=SCENARIOS)
     asked = parser.parse_args(arguments)
     os.environ["XDG_CACHE_HOME"] = str(asked.folder)  # the bands of undeclared and usual benches stay there
-    results = Results(asked.folder, made_by(_HANGS_ON, files=_BESIDE))
+    results = Results(asked.folder, made_by(_HANGS_ON, _BESIDE))
     names = {number: f"{number:02d}_{asked.rigs}_rigs_seed_{asked.seed}" for number in range(asked.benches)}
     open_ones = [
         number

@@ -41,7 +41,7 @@ from benchmarks.blind.engines import engine_of
 from benchmarks.blind.intervals import share_of
 from benchmarks.blind.logs import write_log
 from benchmarks.blind.operating_points import CRANK_RPM, PointOfRun, points, scenario_text
-from benchmarks.kept_results import Results, made_by
+from benchmarks.kept_results import TRUTHS, Results, made_by
 from rig.diagnosis.health import band_of
 from rig.diagnosis.identify import STILL_MOVED, wide_of
 from rig.diagnosis.recordings import recorded_alone
@@ -352,7 +352,7 @@ def _learnt(case: Case, point: Sequence[PointOfRun], budget_s: float) -> Path:
 
 
 STEPS: Final = {"rigs": identify_rig, "effects": diagnose_effect, "healthy": judge_healthy}
-_BY_NAME: Final = ("rig.rigs", "sim_twin.rigs", "rig.files", "drivers.ni_daq")
+_BY_NAME: Final = ("rig.rigs", "sim_twin.rigs", "rig.files", "drivers.ni_daq", *TRUTHS)
 _HANGS_ON: Final = {
     "rigs": ("rig.commands.identify", "rig.diagnosis.health", *_BY_NAME),
     "effects": ("rig.commands.identify", "rig.commands.diagnose", *_BY_NAME),
@@ -368,7 +368,7 @@ _BESIDE: Final = (
 
 def results_in(folder: Path) -> dict[str, Results]:
     """Those of each step that this program made."""
-    return {step: Results(folder, made_by(_HANGS_ON[step], ("benchmarks/blind",), _BESIDE)) for step in STEPS}
+    return {step: Results(folder, made_by(_HANGS_ON[step], _BESIDE)) for step in STEPS}
 
 
 def score(results: Mapping[str, Results]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,18 +13,34 @@ from typing import Any
 import grimp
 
 from benchmarks.blind.command import ROOT
-from benchmarks.blind.seal import commit
 from daq.disk import make_folder, write_whole
-from rig.diagnosis.kept import sources_of
 
 _DIGITS = 12
+_PACKAGES = ("daq", "drivers", "rig", "sim_twin", "benchmarks.blind")
+TRUTHS = tuple(
+    f"benchmarks.blind.{part}" for part in ("beam", "crank", "spatial", "logs", "operating_points")
+)
+"""What recordings of the truth engines hang on."""
 
 
-_PACKAGES = ("daq", "drivers", "rig", "sim_twin")
+def commit() -> str:
+    """The commit of this checkout, with "+" behind it where tracked files differ; "unknown" without git."""
+    try:
+        head, changed = (
+            _git(*arguments) for arguments in (("rev-parse", "HEAD"), ("diff", "--name-only", "HEAD"))
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return head + ("+" if changed else "")
 
 
-def made_by(modules: Iterable[str], folders: Iterable[str] = (), files: Iterable[str] = ()) -> str:
-    """A digest of the sources of modules, or packages, with all of ours that they import, folders and files.
+def _git(*arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)  # noqa: S603, S607 - our own
+    return done.stdout.strip()
+
+
+def made_by(modules: Iterable[str], files: Iterable[str] = ()) -> str:
+    """A digest of the sources of modules, or packages, with all of ours that they import, and of files.
 
     So that a change of what a result does not hang on costs it nothing. What is imported by its name in a
     table has to be named.
@@ -35,8 +52,6 @@ def made_by(modules: Iterable[str], folders: Iterable[str] = (), files: Iterable
     digest = hashlib.sha256(repr(sources).encode())
     for file in files:
         digest.update((ROOT / file).read_bytes())
-    for folder in folders:
-        digest.update(sources_of(str(ROOT / folder / "__init__.py")).encode())
     return digest.hexdigest()[:_DIGITS]
 
 

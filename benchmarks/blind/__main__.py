@@ -2,24 +2,30 @@
 
 `make` draws all campaigns, seals the answers and records; `diagnose` runs `rattle diagnose` on each; `oracle`
 measures what the true effects close; `score` opens the answers and prints. Every step takes a part of the
-campaigns (sets, rigs, a share of each) and goes on where it was stopped.
+campaigns (sets, rigs, a share of each) and goes on where it was stopped. `all` does a few campaigns at a time
+whole, `--more` of them at most, and scores; what each came to is kept in `--results`, where it is not done
+again by the same program on any machine.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.blind.campaigns import chosen, draw_campaigns
+from benchmarks.blind.campaigns import Campaign, chosen, draw_campaigns
 from benchmarks.blind.engines import engines
+from benchmarks.blind.kept import keep, restore
 from benchmarks.blind.make import discard_logs, make
-from benchmarks.blind.runner import diagnose_all
-from benchmarks.blind.score import measure_truths, score
+from benchmarks.blind.runner import diagnose_all, program_digest
+from benchmarks.blind.score import measure_gaps, measure_truths, score
 from benchmarks.blind.seal import SealBroken, sealed, unseal
 from benchmarks.blind.sets import RIGS, SETS
+from benchmarks.kept_results import Results
 
+_AT_ONCE = 6
 _STEPS = ("make", "diagnose", "oracle", "score", "all")
 
 
@@ -34,11 +40,13 @@ def main() -> int:
         else:
             campaigns = unseal(folder)
         part = chosen(campaigns, arguments.sets, arguments.rigs, arguments.share, arguments.each)
-        if step in ("make", "all"):
+        if step == "make":
             make(folder, campaigns, part)
-        if step in ("diagnose", "all"):
+        if step == "diagnose":
             names = arguments.only or [each.name for each in part]
             diagnose_all(folder, names, arguments.budget, arguments.effort)
+        if step == "all":
+            _by_parts(arguments, campaigns, part)
         if step == "oracle":
             measure_truths(folder, part)
         if step in ("score", "all"):
@@ -46,10 +54,24 @@ def main() -> int:
     except SealBroken as error:
         print(error, file=sys.stderr)
         return 2
-    if step == "all" and arguments.discard_logs:
-        for campaign in part:
-            discard_logs(folder, campaign)
     return 0 if met else 1
+
+
+def _by_parts(arguments: argparse.Namespace, campaigns: Sequence[Campaign], part: Sequence[Campaign]) -> None:
+    folder, seed = arguments.folder, arguments.seed
+    results = None if arguments.results is None else Results(arguments.results, program_digest())
+    left = [each for each in part if results is None or not restore(folder, seed, each, results)]
+    left = left[: arguments.more]
+    for first in range(0, len(left), _AT_ONCE):
+        some = left[first : first + _AT_ONCE]
+        make(folder, campaigns, some)
+        diagnose_all(folder, [each.name for each in some], arguments.budget, arguments.effort)
+        measure_gaps(folder, some)
+        for each in some:
+            if results is not None:
+                keep(folder, seed, each, results)
+            if arguments.discard_logs:
+                discard_logs(folder, each)
 
 
 def _arguments() -> argparse.Namespace:
@@ -65,7 +87,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--effort", type=float, default=1.0, help="so many times what fits into it")
     parser.add_argument("--only", nargs="*", default=(), help="diagnose only these campaigns")
     parser.add_argument("--quick", action="store_true", help="score without measuring gaps that are not yet")
-    parser.add_argument("--discard-logs", action="store_true", help="remove the logs once all is scored")
+    parser.add_argument("--more", type=int, help="do at most so many campaigns more")
+    parser.add_argument("--results", type=Path, help="keep what each campaign came to in this folder")
+    parser.add_argument("--discard-logs", action="store_true", help="remove logs once a campaign is done")
     return parser.parse_args()
 
 

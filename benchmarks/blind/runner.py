@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmarks.blind.calibration import logs_of, model_of, references
-from benchmarks.blind.command import ROOT, rattle
+from benchmarks.blind.command import rattle
+from benchmarks.blind.sets import RIGS
+from benchmarks.kept_results import TRUTHS, made_by
 
-_PROGRAM = ("sim_twin", "rig", "daq")
+_HANGS_ON = (
+    "rig.commands.diagnose",
+    "rig.rigs",
+    "sim_twin.rigs",
+    "rig.files",
+    "benchmarks.blind.gap",
+    *TRUTHS,
+)
+"""Modules, with what they import; some are imported by name."""
+_BESIDE = tuple(f"rig/rigs/{rig}.toml" for rig in RIGS)
 _LONGEST_S = 3600.0
 """A diagnosis that hangs is stopped; load by others alone makes no miss."""
 CALIBRATED = "_calibrated"
@@ -79,11 +89,8 @@ def effects_file(folder: Path, name: str) -> Path:
 
 
 def program_digest() -> str:
-    """SHA-256 over the program's source, so that a change between two diagnoses shows."""
-    total = hashlib.sha256()
-    for file in sorted(each for part in _PROGRAM for each in (ROOT / part).rglob("*.py")):
-        total.update(str(file.relative_to(ROOT)).encode() + file.read_bytes())
-    return total.hexdigest()
+    """Of all that an answer, and what it is held against, hang on, so that a change between two shows."""
+    return made_by(_HANGS_ON, _BESIDE)
 
 
 def _out(folder: Path, name: str) -> Path:

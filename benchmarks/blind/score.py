@@ -32,6 +32,11 @@ def measure_truths(folder: Path, campaigns: Sequence[Campaign]) -> None:
     _all_gaps(folder, [campaign for campaign in campaigns if hides(campaign)], truth_gaps)
 
 
+def measure_gaps(folder: Path, campaigns: Sequence[Campaign]) -> None:
+    """Work out all that a score needs of campaigns that were diagnosed, on two processes."""
+    _all_gaps(folder, [campaign for campaign in campaigns if hides(campaign)], _gaps_of)
+
+
 def score(folder: Path, campaigns: Sequence[Campaign], quick: bool = False) -> bool:
     """Print the figures, write score.json and score.txt; returns whether the frozen program met every bar.
 

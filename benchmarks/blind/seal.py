@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmarks.blind.campaigns import Campaign
-from benchmarks.blind.command import ROOT
 from benchmarks.blind.runner import program_digest
+from benchmarks.kept_results import commit
 
 _DIGEST = "answers.sha256"
 
@@ -76,22 +75,6 @@ def unseal(folder: Path) -> tuple[Campaign, ...]:
 def frozen_of(folder: Path) -> Frozen:
     """The program that the answers were drawn for; raises SealBroken like `unseal`."""
     return Frozen(**json.loads(_opened(folder))["frozen"])
-
-
-def commit() -> str:
-    """The commit of this checkout, with "+" behind it where tracked files differ; "unknown" without git."""
-    try:
-        head, changed = (
-            _git(*arguments) for arguments in (("rev-parse", "HEAD"), ("diff", "--name-only", "HEAD"))
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return head + ("+" if changed else "")
-
-
-def _git(*arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)  # noqa: S603, S607 - our own
-    return done.stdout.strip()
 
 
 def _opened(folder: Path) -> str:

@@ -20,11 +20,13 @@ from benchmarks.blind.catalogue import BEAM, CATALOGUE, EffectEntry
 from benchmarks.blind.command import Spent
 from benchmarks.blind.figure import Figure, mean_of
 from benchmarks.blind.gap import campaign as gaps
+from benchmarks.blind.kept import keep, restore
 from benchmarks.blind.metrics import first_right
 from benchmarks.blind.runner import CALIBRATED
 from benchmarks.blind.score import baseline_values, confusion, score
 from benchmarks.blind.seal import Frozen, SealBroken, answers_file, frozen_of, seal, sealed, unseal
 from benchmarks.blind.table import JUDGED
+from benchmarks.kept_results import Results
 from tests.benchmarks_blind.stories import CLEARANCE, OUTSIDER, answer, campaign, case
 
 CAMPAIGNS = (
@@ -305,6 +307,32 @@ def test_a_program_other_than_the_frozen_one_does_not_pass(
         _write(folder, "c000", _diagnosis(1.0, 0.0, 0.0), program=program)
         assert score(folder, CAMPAIGNS, quick=True) == (program == "a")
     assert "which is NOT what diagnosed" in capsys.readouterr().out
+
+
+def test_what_was_kept_on_another_machine_scores_as_it_did_there(tmp_path: Path) -> None:
+    here, there, results = tmp_path / "here", tmp_path / "there", Results(tmp_path / "kept", "a" * 12)
+    hidden = campaign("single", CLEARANCE, name="c003")
+    campaigns = (*CAMPAIGNS, hidden)
+    seal(here, campaigns, FROZEN)
+    seal(there, campaigns, FROZEN)
+    for each, none in zip(campaigns, (1.0, 0.2, 0.7, 0.1), strict=True):
+        _write(here, each.name, {**_diagnosis(none, 0.0, 1.0 - none), "causes": "much else"})
+    effects = runner.effects_file(here, hidden.name)
+    effects.write_text(json.dumps([CLEARANCE]))
+    gaps._write(gaps._gaps_file(here, hidden), {"before": 3.0, "oracle": 1.0})
+    answered = gaps._answer_file(here, hidden)
+    assert answered is not None
+    gaps._write(answered, 1.5)
+    for each in campaigns:
+        keep(here, 5, each, results)
+    assert all(restore(there, 5, each, results) for each in campaigns)
+    assert not restore(there, 6, hidden, results)
+    assert not restore(there, 5, replace(hidden, rig_seed=1 + hidden.rig_seed), results)
+    for folder in (here, there):
+        score(folder, campaigns, quick=True)
+    assert (here / "score.json").read_text() == (there / "score.json").read_text()
+    (told,) = (each for each in json.loads((there / "score.json").read_text())["campaigns"] if each["gap"])
+    assert told["gap"] == {"before": 3.0, "oracle": 1.0, "after": 1.5}
 
 
 def test_campaigns_are_drawn_once_for_the_program_that_was_there(
