@@ -21,7 +21,7 @@ from sim_twin.vector import VECTOR
 
 P = ParamSpec("P")
 T = TypeVar("T")
-_OPTIONS: dict[str, Any] = {"cache": True, "fastmath": True}
+_OPTIONS: dict[str, Any] = {"cache": True, "fastmath": True, "nogil": True}
 _UNCOUNTED: dict[str, Any] = {**_OPTIONS, "_nrt": False}
 _STRICT: dict[str, Any] = {**_UNCOUNTED, "fastmath": False}
 _IMPORT = re.compile(r"^\s*(?:from|import) (sim_twin[\w.]*)", re.MULTILINE)
@@ -131,7 +131,12 @@ def allocation_free_inlined(function: Callable[P, T]) -> Callable[P, T]:
 
 # All of fast arithmetic but the promises that there is no infinity and no NaN: the integrator looks for them.
 _ARITHMETIC = {"reassoc", "contract", "arcp", "nsz", "afn"}
-_UNCHECKED: dict[str, Any] = {"fastmath": _ARITHMETIC, "_nrt": False, "error_model": "numpy"}
+_UNCHECKED: dict[str, Any] = {
+    "fastmath": _ARITHMETIC,
+    "_nrt": False,
+    "error_model": "numpy",
+    "nogil": True,
+}
 
 
 def mechanical(function: Callable[P, T]) -> Callable[P, T]:
