@@ -87,8 +87,10 @@ the disk; longer ones piece by piece."""
 _MOST_TOLD = 10
 VIEWER = "viewer's server"
 """Not ours: it keeps what it shows, up to the memory that it is given."""
-_FEWEST = 4
-"""Times between stalls by which a line and its deviation can be told."""
+_LOOKED_AT_S = 60.0
+"""Longer than a stall, and what it leaves to be caught up with: the least of it is what a process keeps."""
+_FEWEST, _TOLD_EVERY = 20, 5
+"""Minutes by which a line and its deviation can be told; between two that are printed."""
 _NOT_STEADY = 1 / 3
 """Of the record, at its begin, in which memory is still taken into use."""
 
@@ -289,7 +291,7 @@ def _report(logs: list[Path], watched: Watched, seconds: float, channels: int) -
     for name, share in sorted(means.items(), key=lambda each: -each[1]):
         print(f"{name:<25} {share:.2f} of a core, {most_mib[name]:.0f} MiB", end="")
         if long and name in slopes:
-            least = " ".join(f"{each:.2f}" for each in _least(watched.in_use[name])[1])
+            least = " ".join(f"{each:.1f}" for each in _least(watched.in_use[name])[1][::_TOLD_EVERY])
             print("; in use {:+.2f} +- {:.2f} MB/h".format(*slopes[name]), f"({least})", end="")
             print("; resident {:+.1f} +- {:.1f} MB/h".format(*resident[name]), end="")
         print()
@@ -323,23 +325,29 @@ def _compared(log: Path, seconds: float) -> tuple[list[str], str]:
 def _slope(told_mb: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """MB an hour that this has grown by in the last two thirds, and its deviation; NaN where nothing tells.
 
-    By the least of each time between two stalls, in which a process takes up what waits, and frees it again.
+    By the least of each minute: in a stall a process takes up what waits, and frees it again. Neighbouring
+    minutes are alike, by which the deviation is larger (as of an autoregression of first order).
     """
     hours, least = _least(told_mb)
     steady = slice(round(len(least) * _NOT_STEADY), None)
     if len(least[steady]) < _FEWEST or not np.isfinite(least).all():
         return math.nan, math.nan
-    (slope, _), scatter = np.polyfit(hours[steady], least[steady], 1, cov=True)
-    return float(slope), math.sqrt(scatter[0, 0])
+    (slope, start), scatter = np.polyfit(hours[steady], least[steady], 1, cov=True)
+    off = least[steady] - slope * hours[steady] - start
+    alike = float(off[1:] @ off[:-1]) / max(float(off @ off), 1e-12)
+    alike = min(
+        max((alike * len(off) + 1) / (len(off) - 4), 0.0), 0.99
+    )  # Kendall: of few it comes out too low
+    return float(slope), math.sqrt(scatter[0, 0] * (1 + alike) / (1 - alike))
 
 
 def _least(told_mb: Sequence[tuple[float, float]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each whole time between two stalls when it began (h), and the least (MB)."""
+    """Of each whole minute when it began (h), and the least (MB)."""
     at_s, mb = np.reshape(told_mb, (-1, 2)).T
-    whole = int((max(at_s, default=0.0) + 2 * EVERY_S) / _STALLS_EVERY_S)
-    number = at_s // _STALLS_EVERY_S
+    whole = int((max(at_s, default=0.0) + 2 * EVERY_S) / _LOOKED_AT_S)
+    number = at_s // _LOOKED_AT_S
     least = [mb[number == k].min(initial=math.inf) for k in range(whole)]
-    return np.arange(whole, dtype=np.float64) * _STALLS_EVERY_S / 3600.0, np.array(least)
+    return np.arange(whole, dtype=np.float64) * _LOOKED_AT_S / 3600.0, np.array(least)
 
 
 def _beside(topic: str) -> float:
