@@ -335,9 +335,7 @@ def _slope(told_mb: Sequence[tuple[float, float]]) -> tuple[float, float]:
     (slope, start), scatter = np.polyfit(hours[steady], least[steady], 1, cov=True)
     off = least[steady] - slope * hours[steady] - start
     alike = float(off[1:] @ off[:-1]) / max(float(off @ off), 1e-12)
-    alike = min(
-        max((alike * len(off) + 1) / (len(off) - 4), 0.0), 0.99
-    )  # Kendall: of few it comes out too low
+    alike = min(max((alike * len(off) + 1) / (len(off) - 4), 0.0), 0.99)  # Kendall: of few too low
     return float(slope), math.sqrt(scatter[0, 0] * (1 + alike) / (1 - alike))
 
 

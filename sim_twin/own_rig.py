@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Cause", "Cell", "Check", "Draw", "Effort", "Layout", "Named", "Observed", "OwnRig", "Parameter",
-    "Simulator", "Subject", "Widening", "binned", "cause", "check", "diagnose", "interleaved", "number",
+    "Simulator", "Subject", "Widening", "binned", "cause", "check", "diagnose", "number",
     "parts", "pooled", "with_effects",
 ]  # fmt: skip
 
@@ -86,14 +86,6 @@ def binned(values: ArrayLike, over: ArrayLike, edges: ArrayLike) -> Array:
     counts = np.bincount(classes, minlength=len(bounds) + 1).astype(np.float64)
     sums = np.bincount(classes, taken, len(bounds) + 1)
     return np.asarray((sums / np.where(counts > 0, counts, np.nan))[1:-1])
-
-
-def interleaved(blocks: NDArray[np.floating]) -> Blocks:
-    """Blocks in the order first, third, ..., second, fourth, ...
-
-    What is fitted are the first half of them, what is judged are the others: a slow drift is then in both.
-    """
-    return np.concatenate([blocks[::2], blocks[1::2]]).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +148,7 @@ class Simulator:
         ]
         given = [{name: piece[name] for name in piece if name not in self.channels} for piece in pieces]
         subject = replace(self, given=tuple(given), layout=Layout(tuple(cells)))
-        return subject, interleaved(np.array([_row(each) for each in found]))
+        return subject, np.array([_row(each) for each in found], dtype=np.float32)
 
     def observe(self, draws: Sequence[Draw]) -> list[Observed]:
         """Simulate each draw with what some of the measured blocks were given."""

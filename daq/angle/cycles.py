@@ -228,11 +228,12 @@ class AngleCycles:
 class MarkerCycles:
     """Revolutions between the marks of a marker in V; a shaft that stops has none until it turns again.
 
-    The angle is taken to grow evenly from mark to mark.
+    The angle is taken to grow evenly from mark to mark, at which the crank has turned by `mark_turns`.
     """
 
-    def __init__(self, sample_rate: float) -> None:
+    def __init__(self, sample_rate: float, mark_turns: float = 0.0) -> None:
         self.begins = KnownBegins()
+        self._mark_turns = mark_turns
         self._give_up = round(GIVE_UP_S * sample_rate)
         self._tracker = MarkTracker()
         self._base = self._next = 0
@@ -266,12 +267,12 @@ class MarkerCycles:
         self.begins.until = END
 
     def turns_at(self, sample: int) -> float:
-        """Revolutions since the first mark."""
+        """Revolutions since crank angle 0 before the first mark."""
         at = self._turn_of(sample)
         if at is None:
             return nan
         start, end = self._positions[at], self._positions[at + 1]
-        return self._turns[at] + (sample - start) / (end - start)
+        return self._mark_turns + self._turns[at] + (sample - start) / (end - start)
 
     def samples_per_turn(self, sample: float) -> float:
         """How long the revolution takes in which a sample lies, in samples; NaN if it is not known."""

@@ -26,6 +26,7 @@ from rig.derived.settings import (
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Metadata, Record
+from rig.twin.alignment import Mounting
 from rig.worker_process import QUEUE_ITEMS, Crew, WorkerFailed, WorkerProcess
 from sim_twin.rigs.channel_table import Role
 
@@ -36,8 +37,8 @@ class Derivation:
     """Derives each origin by itself, in the thread that brings the blocks; one thread at a time.
 
     `channels` are those of each origin. `known` is what a log says was settled when it was recorded; what it
-    does not say is settled by the rule, and published as a metadata record. `gauged`: a gauge in the stinger
-    shows the drive. `spend` hears what is kept of a file that anybody may have written (`daq.allowance`).
+    does not say is settled by the rule, and published as a metadata record. `mounting` is that of what shows
+    the cycles. `spend` hears what is kept of a file that anybody may have written (`daq.allowance`).
     """
 
     def __init__(
@@ -46,12 +47,12 @@ class Derivation:
         channels: Mapping[Origin, Iterable[str]],
         scenario: Scenario | None,
         known: Mapping[str, Settings] | None = None,
-        gauged: bool = False,
+        mounting: Mounting = Mounting(),  # noqa: B008 - frozen
         spend: Callable[..., None] = lambda **_: None,
     ) -> None:
         from rig.derived.per_source import OriginDeriver  # with the compiler, which who records need not load
 
-        nominal = None if scenario is None else nominal_of(scenario, gauged)
+        nominal = None if scenario is None else nominal_of(scenario, mounting)
         self._publish = publish
         self._known = dict(known or {})
         self._derivers: dict[Origin, OriginDeriver] = {}
@@ -85,17 +86,19 @@ def derivation_of(log: LogReader, publish: Consumer) -> Derivation:
 
     Where it does not say, by the same rule; without a scenario there are impacts, but no cycles.
     """
-    from rig.twin.chains import gauged
+    from rig.twin.chains import mounting_of
     from rig.twin.logged import scenario_of  # with the twins, which who records need not load
 
     try:
         scenario = scenario_of(log)
     except (LogError, ConfigurationError):
         scenario = None
-    by_gauge = scenario is not None and gauged(log.metadata.get("run", {}), RIGS[scenario.rig].channels.drive)
+    mounting, record = Mounting(), log.metadata.get("run", {})
+    if scenario is not None:
+        mounting = mounting_of(record, RIGS[scenario.rig].channels)
     names = {origin: list(log.channels(origin)) for origin in ORIGINS}
     known = from_record(log.metadata.get(RECORD, {}))
-    return Derivation(publish, names, scenario, known, by_gauge, log.allowance().spend)
+    return Derivation(publish, names, scenario, known, mounting, log.allowance().spend)
 
 
 def impacts_of(log: LogReader) -> list[Impact]:
@@ -140,7 +143,7 @@ class Derive:
 
     channels: Mapping[Origin, tuple[str, ...]]
     scenario: Scenario
-    gauged: bool
+    mounting: Mounting
 
     def prepare(self) -> None:
         from daq.signals.running_figures import warm_up
@@ -148,7 +151,7 @@ class Derive:
         warm_up()
 
     def run(self, blocks: Iterator[Block], send: Callable[[object], None]) -> None:
-        derivation = Derivation(send, self.channels, self.scenario, gauged=self.gauged)
+        derivation = Derivation(send, self.channels, self.scenario, mounting=self.mounting)
         for block in blocks:
             derivation(block)
         derivation.finish()
@@ -169,12 +172,12 @@ class DerivationProcess:
         publish: Consumer,
         queue_blocks: int = QUEUE_ITEMS,
         crew: Crew | None = None,
-        gauged: bool = False,
+        mounting: Mounting = Mounting(),  # noqa: B008 - frozen
     ) -> None:
         self._origins = tuple(channels)
         self._clock, self._publish = clock, publish
         self._told = False
-        task = Derive(channels, scenario, gauged)
+        task = Derive(channels, scenario, mounting)
         self.worker = WorkerProcess("derivation", task, self._deliver, queue_blocks, crew)
 
     def wait_ready(self, check: Callable[[], None]) -> None:

@@ -10,7 +10,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.angle.cycles import WORST_RESIDUAL, Cycles, MarkerCycles
+from daq.angle.cycles import Cycles, MarkerCycles
 from daq.block import BLIND, SampleBlock, sample_time_ns, values_of
 from daq.log.reader import CRANK_SPEED, Origin, derived_name
 from daq.log.records import Impact
@@ -241,8 +241,9 @@ class OriginDeriver:
             return
         start_ns = sample_time_ns(block.time_ns, -block.first_sample, rate)
         if self._reference is not None and self._cycles is None:
-            beside = WORST_RESIDUAL if self._nominal is None else self._nominal.beside
-            self._cycles = rule.cycles_of(self._reference, settings, rate, beside)
+            nominal = self._nominal
+            told = () if nominal is None else (nominal.beside, nominal.mark_rad)
+            self._cycles = rule.cycles_of(self._reference, settings, rate, *told)
         if name == self._reference and rule.role_of(name) is not Role.DRIVE and self._cycles is not None:
             marker = self._cycles if isinstance(self._cycles, MarkerCycles) else None
             self._speed = CrankSpeed(derived_name(self.origin, CRANK_SPEED), marker, rate, start_ns)

@@ -31,7 +31,7 @@ from daq.quantity import Bound
 from daq.signals.impacts import Levels, largest_force, levels_of
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS, declared
-from rig.twin.alignment import WORST_BY_GAUGE, Reference, reference_among
+from rig.twin.alignment import WORST_BY_GAUGE, Mounting, Reference, reference_among
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 
 RECORD = "derived"
@@ -174,12 +174,14 @@ def settle_s(cycle_hz: float) -> float:
 class Nominal:
     """What the scenario says of the cycles: the drive, and how it is found in its channel.
 
-    `beside` its sine may be as much else, rms as a share of its amplitude.
+    `beside` its sine may be as much else, rms as a share of its amplitude. A mark comes at crank angle
+    `mark_rad`.
     """
 
     drive: Any
     reference: Reference
     beside: float = WORST_RESIDUAL
+    mark_rad: float = 0.0
 
     @property
     def settle_s(self) -> float:
@@ -187,12 +189,12 @@ class Nominal:
         return settle_s(float(self.drive.cycle_hz))
 
 
-def nominal_of(scenario: Scenario, gauged: bool = False) -> Nominal:
-    """What a scenario says; `gauged` where a gauge in the stinger shows the drive, and impacts with it."""
+def nominal_of(scenario: Scenario, mounting: Mounting = Mounting()) -> Nominal:  # noqa: B008 - frozen
+    """What a scenario says; a gauge in the stinger shows impacts with the drive."""
     table = RIGS[scenario.rig].channels
     found = reference_among(table, (table.drive,))
-    if not gauged:
-        return Nominal(scenario.drive, found)
+    if not mounting.gauged:
+        return Nominal(scenario.drive, found, mark_rad=mounting.mark_rad)
     align = partial(found.align, worst=WORST_BY_GAUGE)
     return Nominal(scenario.drive, replace(found, align=align), WORST_BY_GAUGE)
 
@@ -223,11 +225,17 @@ def first_look(
 
 
 def cycles_of(
-    reference: str, settings: Settings, sample_rate: float, beside: float = WORST_RESIDUAL
+    reference: str,
+    settings: Settings,
+    sample_rate: float,
+    beside: float = WORST_RESIDUAL,
+    mark_rad: float = 0.0,
 ) -> Cycles | None:
-    """What counts the cycles by the reference channel; `beside` as in `Nominal`."""
+    """What counts the cycles by the reference channel; `beside` and `mark_rad` as in `Nominal`."""
     if settings.cycle_hz is None or 2 * settings.cycle_hz > sample_rate:  # so few samples show no cycle
         return None
     if role_of(reference) is Role.DRIVE:
         return DriveCycles(sample_rate, settings.cycle_hz, settings.phase_rad, beside)
-    return AngleCycles(sample_rate) if role_of(reference) is Role.ANGLE else MarkerCycles(sample_rate)
+    if role_of(reference) is Role.ANGLE:
+        return AngleCycles(sample_rate)
+    return MarkerCycles(sample_rate, mark_rad / tau)

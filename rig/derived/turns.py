@@ -21,11 +21,14 @@ _SMOOTHED_S = 4e-3
 _MARKS_KEPT = 512
 
 
-def turns_from(channels: tuple[str, ...], angle: str, marker: str) -> Turns | None:
-    """From the encoder's `angle` if it is among `channels`, else from `marker`; None where neither is."""
+def turns_from(channels: tuple[str, ...], angle: str, marker: str, mark_rad: float) -> Turns | None:
+    """From the encoder's `angle` if it is among `channels`, else from `marker`; None where neither is.
+
+    The mark comes at crank angle `mark_rad`.
+    """
     if angle in channels:
         return EncoderTurns(angle)
-    return MarkerTurns(marker) if marker in channels else None
+    return MarkerTurns(marker, mark_rad) if marker in channels else None
 
 
 class EncoderTurns:
@@ -74,10 +77,13 @@ class EncoderTurns:
 
 
 class MarkerTurns:
-    """Turns from a once-per-revolution marker in V; between marks the crank turns evenly."""
+    """Turns from a marker in V, which comes once a revolution at crank angle `mark_rad`; between marks the
+    crank turns evenly.
+    """
 
-    def __init__(self, channel: str) -> None:
+    def __init__(self, channel: str, mark_rad: float = 0.0) -> None:
         self.channel = channel
+        self._mark_rad = mark_rad
         self._restart(0)
 
     def _restart(self, first_sample: int) -> None:
@@ -102,7 +108,7 @@ class MarkerTurns:
         return self._origin + (int(self._marks.position[-1]) if len(self._marks) else 0)
 
     def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
-        return angle_turns(crank_angle(self._marks, samples - self._origin).angle_rad)
+        return angle_turns(crank_angle(self._marks, samples - self._origin).angle_rad + self._mark_rad)
 
 
 Turns = EncoderTurns | MarkerTurns

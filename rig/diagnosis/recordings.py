@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from math import ceil, pi
+from math import ceil, pi, tau
 from pathlib import Path
 
 import numpy as np
@@ -225,12 +225,13 @@ def _why(path: Path, error: LogError | ConfigurationError) -> str:
 
 
 def _rows(blocks: int, count: int) -> NDArray[np.intp]:
-    """Which of some blocks stand in `count` rows, evenly, and none in both halves of them."""
-    if blocks == 1 or count == 1:
-        return np.zeros(count, dtype=np.intp)
-    half, own = (count + 1) // 2, (blocks + 1) // 2
-    late = np.arange(count - half)
-    return np.concatenate([np.arange(half) * own // half, own + late * (blocks - own) // (count - half)])
+    """Which of some blocks stand in `count` rows, evenly, and none in both of `judging.halves`."""
+    rows = np.zeros(count, dtype=np.intp)
+    if blocks > 1:
+        for turn in range(min(count, 2)):
+            own, room = np.arange(turn, blocks, 2), rows[turn::2]
+            room[:] = own[np.arange(len(room)) * len(own) // len(room)]
+    return rows
 
 
 def _require_one_rig(runs: Sequence[_Run]) -> None:
@@ -615,5 +616,7 @@ def setting_of(
     oversampling = 2 * max(1, round(model.fine_rate / rate / 2))
     angles = tuple(name for name in channels if isinstance(twin.sensors.get(name), Encoder))
     driven = model.channels.drive
-    columns = Columns(tuple(channels), coupled, frequency, rate, angles, driven)
+    by_mark = (reference or model.reference) == model.channels.marker
+    begins = getattr(twin.rig, "marker_angle", 0.0) / tau if by_mark else 0.0
+    columns = Columns(tuple(channels), coupled, frequency, rate, angles, driven, begins)
     return RunSetting(twin, columns, oversampling, cycles, dict(quiet), reference)

@@ -36,6 +36,8 @@ class CrankPicture(ABC):
 
     speed_rad_s: float
     """The speed that was set."""
+    marker_angle_rad: float
+    """At which a mark comes."""
 
     rod_m: float
     seen: ClassVar[tuple[Point, Point, Point]]
@@ -169,7 +171,8 @@ class CrankPlay:
         self._picture, self._stage = picture, stage
         self._turning: dict[Origin, _Turning] = {}
         for origin, names in stage.shown.origins.items():
-            turns = turns_from(tuple(names), picture.channels.angle, picture.channels.marker)
+            shows = picture.channels
+            turns = turns_from(tuple(names), shows.angle, shows.marker, picture.marker_angle_rad)
             if turns is not None:
                 self._turning[origin] = _Turning(picture, stage, turns, tuple(names))
         moving = [origin for origin in self._turning if origin != "nominal"]

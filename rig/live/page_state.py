@@ -360,9 +360,10 @@ class PageState:
     def _angles(self) -> dict[Origin, Array]:
         """The crank's angle in rad at equal steps of the newest whole cycle, by origin.
 
-        Where no channel shows it, it turns evenly from where the cycle begins.
+        Where no channel shows it, it turns evenly from where the cycle begins, at the mark.
         """
-        even = np.arange(FRAMES) * (math.tau / FRAMES)
+        begins_rad = getattr(self._layout.picture, "marker_angle_rad", 0.0)
+        even = begins_rad + np.arange(FRAMES) * (math.tau / FRAMES)
         found: dict[Origin, Array] = {origin: even for (origin, _), each in self._traces.items() if each.rate}
         begin_s, cycle_s = self._grid
         for (origin, name), trace in self._traces.items():

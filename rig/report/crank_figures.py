@@ -94,7 +94,7 @@ def _turning(run: RunRecord, origin: Origin) -> Origin:
 def _follower(run: RunRecord, origin: Origin) -> Turns | None:
     origin = _turning(run, origin)
     names = tuple(name for whose, name in run.traces if whose == origin)
-    return turns_from(names, run.roles.angle, run.roles.marker)
+    return turns_from(names, run.roles.angle, run.roles.marker, run.mounting.mark_rad)
 
 
 def _pieces(count: int, sample_rate: float) -> Iterator[tuple[int, int]]:

@@ -27,7 +27,7 @@ from rig.rigs import RIGS
 from rig.session.pace import Work
 from rig.session.progress import MOTION_S, Screen
 from rig.stream import Block, Metadata, Record
-from rig.twin.chains import gauged
+from rig.twin.chains import mounting_of
 from rig.twin.logged import align_to, followed_scenario, logged_twin, with_model
 from rig.twin.prediction import AlignedTwin
 from rig.twin.prediction_file import twin_record, whole_log
@@ -172,8 +172,8 @@ def _derivation(
             case Metadata(name, values):
                 copy.add_metadata(name, values)
 
-    by_gauge = gauged(log.metadata.get("run", {}), RIGS[scenario.rig].channels.drive)
-    return Derivation(write, names, scenario, known, by_gauge, log.allowance().spend)
+    mounting = mounting_of(log.metadata.get("run", {}), RIGS[scenario.rig].channels)
+    return Derivation(write, names, scenario, known, mounting, log.allowance().spend)
 
 
 def _predicted_of(twin: AnyTwin, measured: Mapping[str, Channel]) -> list[Channel]:

@@ -39,7 +39,7 @@ from rig.session.progress import FIRST_START, IMPACTS, Screen
 from rig.session.signals import StopRequest
 from rig.session.twin_feed import TwinFeed
 from rig.stream import Consumer, Record
-from rig.twin.chains import declared_by, gauged
+from rig.twin.chains import declared_by, mounting_of
 from rig.twin.prediction_file import twin_record
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.rigs.channel_table import ENCODER_ANGLE
@@ -288,9 +288,9 @@ class _Run:
             "predicted": predicted,
         }
         names = {origin: tuple(channel.name for channel in each) for origin, each in origins.items()}
-        by_gauge = gauged(self._chains, twin.model.channels.drive)
+        mounting = mounting_of(self._chains, twin.model.channels)
         derivation = DerivationProcess(
-            names, self._scenario, rig.clock, rig.stream, crew=crew, gauged=by_gauge
+            names, self._scenario, rig.clock, rig.stream, crew=crew, mounting=mounting
         )
         stack.enter_context(derivation.worker)
         stack.enter_context(feed.worker)

@@ -41,6 +41,16 @@ class Alignment:
     trusted: bool = True
 
 
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """How what shows the cycles is mounted: `gauged` where a gauge in the stinger shows the drive; `mark_rad`
+    is the crank angle at which a mark comes.
+    """
+
+    gauged: bool = False
+    mark_rad: float = 0.0
+
+
 def untouched(drive: Any) -> Alignment:
     """What the scenario says of the drive of any rig, where nothing was measured."""
     return Alignment(drive.cycle_hz, 0.0, trusted=False)

@@ -28,7 +28,8 @@ from drivers.ni_daq.channels import (
 from drivers.ni_daq.sensing import sort_of_input
 from rig.files.bench import Bench
 from rig.files.quantity import si_factor
-from sim_twin.rigs.channel_table import ENCODER_ANGLE
+from rig.twin.alignment import Mounting
+from sim_twin.rigs.channel_table import ENCODER_ANGLE, ChannelTable
 from sim_twin.sensors import Encoder, SensorChain
 from sim_twin.stages import Stages
 from sim_twin.twin import AnyTwin
@@ -103,17 +104,18 @@ def _stated(channel: CardChannel, sample_rate: float) -> dict[str, object]:
     return {key: value for key, value in chain.items() if value}
 
 
-def gauged(record: Mapping[str, str], drive: str) -> bool:
-    """Whether a gauge in the stinger shows the channel of the `drive`, by a `run` record."""
-    return chain_of(record, drive).told.get("senses") == _STINGER
+def mounting_of(record: Mapping[str, str], channels: ChannelTable) -> Mounting:
+    """How what shows the cycles is mounted, by a `run` record; raises LogError like `chain_of`."""
+    gauged = chain_of(record, channels.drive).told.get("senses") == _STINGER
+    return Mounting(gauged, chain_of(record, channels.marker).number("mark.angle_rad") or 0.0)
 
 
 def mounted(twin: AnyTwin, record: Mapping[str, str]) -> AnyTwin:
     """`twin` with its sensors where the record says that they sit."""
-    channels, places = twin.model.channels, dict[str, Any]()
-    if angle := chain_of(record, channels.marker).number("mark.angle_rad"):
-        places["marker_angle"] = angle
-    if gauged(record, channels.drive):
+    mounting, places = mounting_of(record, twin.model.channels), dict[str, Any]()
+    if mounting.mark_rad:
+        places["marker_angle"] = mounting.mark_rad
+    if mounting.gauged:
         places["stinger_gauge"] = True
     return replace(twin, rig=replace(twin.rig, **places)) if places else twin
 

@@ -118,16 +118,20 @@ class Belief:
         unexplained = self.unexplained + self.effect - sum(kept.values())
         return replace(self, unexplained=unexplained, of_effects=kept, present=present)
 
-    def without(self, idle: Collection[str]) -> Belief:
-        """The same after data that were not fitted showed that these causes mend nothing beside others."""
-        present, entered = (
-            {
-                name: max(_REFUTED * share, self.of_effects.get(name, 0.0)) if name in idle else share
-                for name, share in shares.items()
-            }
-            for shares in (self.present, self.entered)
+    def without(self, idle: Collection[str], largest: str) -> Belief:
+        """The same after data that were not fitted showed that these causes mend nothing beside others.
+
+        Of what is left the `largest` has what they had as the largest cause.
+        """
+        if not idle:
+            return self
+        present, entered, of_effects = (
+            {name: _REFUTED * share if name in idle else share for name, share in shares.items()}
+            for shares in (self.present, self.entered, self.of_effects)
         )
-        return replace(self, present=present, entered=entered)
+        of_effects[largest] = of_effects.get(largest, 0.0) + self.effect - sum(of_effects.values())
+        present[largest] = max(present.get(largest, 0.0), of_effects[largest])
+        return replace(self, present=present, entered=entered, of_effects=of_effects)
 
 
 def belief_of(

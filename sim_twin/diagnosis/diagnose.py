@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_twin.diagnosis.arguments import alone, contrasts
 from sim_twin.diagnosis.attribution import Attribution
-from sim_twin.diagnosis.belief import Belief, belief_of, contributions, of_a_part
+from sim_twin.diagnosis.belief import Belief, belief_of, contributions, largest, of_a_part
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.cause import Cause, Hypothesis, effects_of, is_effect, named, parts_of
 from sim_twin.diagnosis.explanation import Explaining, Explanation
@@ -136,7 +136,7 @@ def diagnose(
         worth = attribution.moments.worth(told, len(measured)) * len(fitted_to) / len(measured)
         fits[focus.hypothesis] = replace(ranked[0], posterior=focus.posterior(fitted_to, worth, rng))
     repaired = _repaired(fits, focus, effort.judge // _CONFIRMING, judging, rng)
-    chosen, twins, belief = _chosen(candidates, repaired, belief, measure, judged_on)
+    chosen, twins, belief = _chosen(candidates, attribution, repaired, belief, measure, judged_on)
     distances = separability(attribution, ranked, rng)
     selected, put_in = (chosen.hypothesis, named(chosen.hypothesis, chosen.best())) if chosen else ((), ())
     moved = None if twins is None else moved_by(fits[selected], focus, library, rng, searched)
@@ -223,6 +223,7 @@ def _runner_up(
 
 def _chosen(
     candidates: Sequence[Ranked],
+    attribution: Attribution,
     repaired: Mapping[Hypothesis, Array],
     belief: Belief,
     measure: GapMeasure,
@@ -234,7 +235,8 @@ def _chosen(
     found = candidates[0]
     chosen = without_idle_partners(found, candidates, repaired, measure, judged_on)
     names, kept = ({cause.name for cause in each.hypothesis} for each in (found, chosen))
-    belief, twins = belief.without(names - kept), repaired.get(chosen.hypothesis)
+    most = largest(attribution, chosen.hypothesis, chosen.best())
+    belief, twins = belief.without(names - kept, most), repaired.get(chosen.hypothesis)
     if twins is not None and leads_away(measure, judged_on, twins):
         return None, None, belief.refuted()
     return chosen, twins, belief

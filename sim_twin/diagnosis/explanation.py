@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import SimulationFailed
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Unexplained, unexplained
 from sim_twin.diagnosis.beside import with_others
@@ -71,6 +72,8 @@ class Explaining:
         if best.hypothesis in simulated:
             return simulated[best.hypothesis]
         library = self.search.library
+        if not library.count(best.hypothesis):
+            raise SimulationFailed("no rig with it was simulated", "give it more time")
         known = np.array([each[0] for each in library.fingerprints(best.hypothesis)], dtype=np.float64)
         if not best.hypothesis:
             return known
@@ -87,7 +90,10 @@ class Explaining:
         if not self.leaves_open(found):
             return found
         for joint in with_others(self.search, found.best, self.rng):
-            tried = self.explained(joint)
+            try:
+                tried = self.explained(joint)
+            except SimulationFailed:
+                break  # there is no time for it: what was found stands
             if tried.focus is not None and not self.leaves_open(tried):
                 return tried
         return found

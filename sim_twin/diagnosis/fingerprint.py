@@ -119,7 +119,8 @@ class Columns:
 
     The coherence between each two of `coupled` channels goes in, too. Of `angles` there is only the swing
     over the cycle: the rest of what an encoder shows is the pattern of its own counts. Of a `sine` that
-    drives, the harmonics are estimated directly: they are no more chaotic than it.
+    drives, the harmonics are estimated directly: they are no more chaotic than it. Cycles are cut where the
+    share `begins` of one is over, as a mark may be anywhere.
     """
 
     channels: tuple[str, ...]
@@ -128,6 +129,7 @@ class Columns:
     rate: float
     angles: tuple[str, ...] = ()
     sine: str = ""
+    begins: float = 0.0
 
     @cached_property
     def harmonics(self) -> NDArray[np.intp]:
@@ -144,9 +146,10 @@ class Columns:
 
     def cells(self, run: int) -> tuple[Cell, ...]:
         """The cells that `numbers` fills, in its order."""
-        edges, phases = self.harmonics * self.frequency, np.arange(_PHASES + 1) / _PHASES
+        edges = self.harmonics * self.frequency
         bands = [(float(low), float(high)) for low, high in pairwise(edges)]
-        parts = [(float(low), float(high)) for low, high in pairwise(phases)]
+        starts = (self.begins + np.arange(_PHASES) / _PHASES) % 1.0
+        parts = [(float(start), float(start) + 1.0 / _PHASES) for start in starts]
         half_a_sample = float(np.pi * self.frequency / self.rate)  # of a turn of the cycle, in rad
         cells: list[Cell] = []
         for name in self.channels:

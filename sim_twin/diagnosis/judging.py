@@ -30,9 +30,10 @@ _CLOSED = 1.1
 
 
 def halves(measured: Blocks) -> tuple[Blocks, Blocks]:
-    """Blocks to fit to and blocks to judge on; with one block there is nothing to hold out."""
-    half = (len(measured) + 1) // 2
-    return (measured[:half], measured[half:]) if len(measured) > 1 else (measured, measured)
+    """Blocks to fit to and blocks to judge on, by turns: what drifts is in both; of one block nothing is held
+    out.
+    """
+    return (measured[::2], measured[1::2]) if len(measured) > 1 else (measured, measured)
 
 
 def refitted(
@@ -61,7 +62,7 @@ def rigs_with(
     Those of which too few could be simulated are left out.
     """
     each = max(_FEWEST_JUDGED, motions // max(1, len(wanted)))
-    orders = [order_of({h: np.tile(values, (each, 1))}, rng) for h, values in wanted.items()]
+    orders = [order_of({h: np.tile(values, (each, 1))}, rng, together=1) for h, values in wanted.items()]
     shown = iter(execute(sum(orders, Order()).draws))
     rigs = {}
     for hypothesis, order in zip(wanted, orders, strict=True):

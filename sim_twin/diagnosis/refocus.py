@@ -116,8 +116,8 @@ def refocused(
     worth = moments.worth(told, len(measured))
     for wider in _WIDER if ranked.hypothesis else ():
         rigs = rigs.about(_drawn(ranked, wider, count, rng), ranked.hypothesis, execute, rng, library)
-        if len(rigs.places) < _FEWEST:
-            break
+        if len(rigs.places) < _FEWEST or not _standard(ranked.hypothesis, rigs.places, rigs.places).size:
+            break  # which of several it is may be all that there is to tell, and be told
         before, about = _deviations(ranked), _focused(ranked.hypothesis, rigs, moments, rng)
         found = replace(ranked, posterior=about.posterior(measured, worth, rng))
         after, moved = _deviations(found), np.abs(_middle(found) - _middle(ranked))
@@ -154,7 +154,7 @@ class _Rigs:
         library: Library,
     ) -> _Rigs:
         """Rigs at new places (n, parameters), and those of these that lie among them."""
-        order = order_of({hypothesis: values_of(hypothesis, u)}, rng, blocks=_BLOCKS)
+        order = order_of({hypothesis: values_of(hypothesis, u)}, rng, blocks=_BLOCKS, together=1)
         every = execute(order.draws)
         library.add(order, every)
         places, shown = [], []

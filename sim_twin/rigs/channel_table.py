@@ -19,7 +19,7 @@ class Role(Enum):
     """Of the crank, in rad, not wrapped: counts the cycles."""
 
     MARKER = "marker"
-    """Rises once a revolution, at crank angle zero: counts the cycles where no angle is shown."""
+    """Rises once a revolution, where the bench says: counts the cycles where no angle is shown."""
 
     SPEED = "speed"
     """Of the shaft."""

@@ -35,11 +35,12 @@ class PlanarCrankPicture(CrankPicture):
     clearance_1_m: float
     clearance_2_m: float
     speed_rad_s: float
+    marker_angle_rad: float = 0.0
 
     @classmethod
     def of(cls, twin: Twin[PlanarSliderCrank, SpeedDrive]) -> PlanarCrankPicture:
-        rig = twin.rig
-        return cls(rig.crank_length, rig.rod_length, rig.clearance_1, rig.clearance_2, twin.drive.mean_speed)
+        rig, gaps = twin.rig, (twin.rig.clearance_1, twin.rig.clearance_2)
+        return cls(rig.crank_length, rig.rod_length, *gaps, twin.drive.mean_speed, rig.marker_angle)
 
     def fixed(self) -> tuple[Solid, ...]:
         """The crank's bearing, and the guide's two rails along the stroke."""

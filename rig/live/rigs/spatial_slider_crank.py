@@ -41,6 +41,7 @@ class SpatialCrankPicture(CrankPicture):
     socket_clearance_m: float
     guide_clearance_m: float
     speed_rad_s: float
+    marker_angle_rad: float = 0.0
 
     @classmethod
     def of(cls, twin: Twin[SpatialSliderCrank, SpeedDrive]) -> SpatialCrankPicture:
@@ -56,6 +57,7 @@ class SpatialCrankPicture(CrankPicture):
             socket_clearance_m=rig.socket_clearance,
             guide_clearance_m=rig.guide_clearance,
             speed_rad_s=twin.drive.mean_speed,
+            marker_angle_rad=rig.marker_angle,
         )
 
     def fixed(self) -> tuple[Solid, ...]:

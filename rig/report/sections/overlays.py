@@ -19,8 +19,6 @@ from rig.pages.content import Part, Sentence
 from rig.pages.plots import SCATTER, Plots, points_each
 from rig.report.crank_figures import beside_turns, cut, in_pieces, left_out, turns_of
 from rig.report.record import DRAWN, ORIGINS, RunRecord, Trace
-from rig.rigs import RIGS
-from rig.twin.chains import gauged
 
 _IMPACTS_SHOWN = 2
 _BEFORE_S, _AFTER_S = 0.001, 0.002
@@ -74,8 +72,7 @@ def cycle_of(run: RunRecord) -> Cycle | None:
 def _measured_cycle(run: RunRecord) -> Cycle | None:
     try:
         scenario = parse_scenario(run.scenario)
-        by_gauge = gauged(run.metadata.get("run", {}), RIGS[scenario.rig].channels.drive)
-        nominal = nominal_of(scenario, by_gauge)
+        nominal = nominal_of(scenario, run.mounting)
     except ConfigurationError:
         return None
     trace = run.traces.get(("measured", nominal.reference.channel))

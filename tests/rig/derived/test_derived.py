@@ -16,6 +16,7 @@ from rig.derived.derivation import Derivation, derived_channels
 from rig.derived.settings import RECORD, from_record
 from rig.files.scenario import parse_scenario
 from rig.stream import Block, Metadata
+from rig.twin.alignment import Mounting
 from tests.rig import synthetic_run as beam
 from tests.rig.derived import crank_run as crank
 from tests.rig.session.fakes import Kept
@@ -133,7 +134,7 @@ def test_cycles_are_counted_by_a_gauge_that_feels_impacts_too() -> None:
         return replace(block, values=block.values + blows - blows.mean())
 
     blocks = [felt(block) for block in beam_blocks()]
-    plain, gauged = (derive(blocks, BEAM_NAMES, BEAM, gauged=each) for each in (False, True))
+    plain, gauged = (derive(blocks, BEAM_NAMES, BEAM, mounting=Mounting(each)) for each in (False, True))
     settled = [from_record(settled_in(kept))["measured"].cycle_hz for kept in (plain, gauged)]
     assert settled == [None, pytest.approx(20.0, rel=1e-3)]
     assert len(series(gauged, "yoke.force.cycle_rms")) > 50
@@ -261,6 +262,17 @@ def test_noise_alone_has_no_impact() -> None:
     ]
     # Ten times its rms from where a contact counts: once in 1e23 samples.
     assert not derive(blocks, BEAM_NAMES[1:], BEAM).impacts
+
+
+def test_phases_of_bursts_are_the_cranks_wherever_its_mark_is() -> None:
+    names = CRANK_NAMES[:2]
+    plain, turned = (
+        derive(crank.blocks(names, 3.0), names, CRANK, mounting=Mounting(mark_rad=at)).impacts
+        for at in (0.0, pi / 3)
+    )
+    apart = [one.turns - other.turns for one, other in zip(turned, plain, strict=True)]
+    assert np.isfinite(apart).sum() > 10
+    assert [each for each in apart if np.isfinite(each)] == pytest.approx([1 / 6] * np.isfinite(apart).sum())
 
 
 @pytest.mark.parametrize("names", [CRANK_NAMES, CRANK_NAMES[:2]], ids=["encoder", "marker"])

@@ -14,10 +14,10 @@ def followed(follower: Turns, values: NDArray[np.floating], length: int = 2560) 
 
 def test_the_encoder_comes_first_then_the_marker() -> None:
     assert isinstance(
-        turns_from(("crank.marker", "crank.angle"), "crank.angle", "crank.marker"), EncoderTurns
+        turns_from(("crank.marker", "crank.angle"), "crank.angle", "crank.marker", 1.0), EncoderTurns
     )
-    assert isinstance(turns_from(("crank.marker",), "crank.angle", "crank.marker"), MarkerTurns)
-    assert turns_from(("motor.tachometer",), "crank.angle", "crank.marker") is None
+    assert isinstance(turns_from(("crank.marker",), "crank.angle", "crank.marker", 1.0), MarkerTurns)
+    assert turns_from(("motor.tachometer",), "crank.angle", "crank.marker", 1.0) is None
 
 
 def test_an_encoders_steps_are_smoothed() -> None:
@@ -50,6 +50,13 @@ def test_a_marker_tells_the_turns_between_two_marks() -> None:
         way[inner] - way[first].round(), abs=1.5 * way[1] - 1.5 * way[0]
     )
     assert np.isnan(follower.at(np.array([first - 2, last + 2]))).all()
+
+
+def test_a_mark_comes_at_the_angle_that_the_bench_says() -> None:
+    way = turns(3.0)
+    plain, turned = (followed(MarkerTurns("crank.marker", at), marker_v(way)) for at in (0.0, np.pi / 2))
+    known = np.arange(len(way) // 2, plain.known_until)
+    assert turned.at(known) - plain.at(known) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize("kind", [EncoderTurns, MarkerTurns])

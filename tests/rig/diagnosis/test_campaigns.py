@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,10 @@ from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.log.writer import LogWriter
-from rig.diagnosis.recordings import RecordedCampaign, recorded
+from rig.diagnosis.recordings import RecordedCampaign, recorded, setting_of
 from sim_twin.diagnosis.campaign import RunSetting
 from sim_twin.diagnosis.fingerprint import Layout
+from sim_twin.diagnosis.judging import halves
 from sim_twin.sensors import Encoder
 from tests.rig.diagnosis.measured_log import START_NS
 
@@ -143,9 +144,8 @@ def test_a_long_run_tells_more_than_a_short_one_and_no_cycle_is_on_both_sides(tm
     parts = np.split(found.measured, [len(found.measured[0]) - _size(long)], axis=1)
     assert [len(np.unique(part, axis=0)) for part in parts] == [3, 5]
     assert found.told == pytest.approx((25 / 9, 5))
-    half = (len(found.measured) + 1) // 2
     for part in parts:
-        fitted, judged = (np.unique(rows, axis=0) for rows in (part[:half], part[half:]))
+        fitted, judged = (np.unique(rows, axis=0) for rows in halves(part))
         assert not any((row == judged).all(axis=1).any() for row in fitted)
 
 
@@ -173,6 +173,19 @@ def test_cycles_are_cut_where_the_crank_stands_whatever_tells_it(tmp_path: Path,
     at = run.turns(starts / RATE)
     # a hundredth of a turn; a drift of 2 % is 0.06 turns off a straight line, an encoder's zero 0.1
     assert np.abs(at - np.round(at)).max() < 0.01
+
+
+@pytest.mark.parametrize(("told", "begins"), [("crank.angle", 0.0), ("crank.marker", 0.25)])
+def test_parts_of_a_revolution_are_told_from_crank_angle_0_wherever_the_mark_is(
+    tmp_path: Path, told: str, begins: float
+) -> None:
+    (run,) = read(tmp_path, CrankRun(180, 3, told=told)).campaign.runs
+    twin = replace(run.twin, rig=replace(run.twin.rig, marker_angle=np.pi / 2))
+    turned = setting_of(twin, run.columns.channels, RATE, 8, reference=told)
+    phases = [cell.phase for cell in turned.columns.cells(0) if cell.what == "rms" and cell.phase]
+    assert phases[0] == pytest.approx((begins, begins + 1 / 16))
+    assert min(phases)[0] == 0.0
+    assert max(phases)[1] == 1.0
 
 
 def test_channels_at_two_rates_show_the_same_knocks(tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from rig.emulation import wiring_of
 from rig.files.bench import Bench, embedded_bench, parse_bench
 from rig.files.scenario import parse_scenario
 from rig.rigs import RIGS
-from rig.twin.alignment import Alignment, reference_among
-from rig.twin.chains import declared_by, mounted, with_chains
+from rig.twin.alignment import Alignment, Mounting, reference_among
+from rig.twin.chains import declared_by, mounted, mounting_of, with_chains
 from rig.twin.prediction import AlignedTwin, settling_s
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.sensors import Encoder, SensorChain
@@ -110,6 +110,8 @@ def test_encoder_and_marker_of_a_crank() -> None:
     assert twin.rig.marker_angle == pytest.approx(radians(37))
     assert twin.sensors["crank.marker"].limit == inf  # turned round, it has no such end
     assert mounted(twin_of(CRANK), declared_by(mark, RATE)).rig == twin.rig
+    found = mounting_of(declared_by(mark, RATE), RIGS["planar_slider_crank"].channels)
+    assert found == Mounting(gauged=False, mark_rad=pytest.approx(radians(37)))
 
 
 def test_a_marker_on_a_counter_is_predicted_as_the_counter_shows_it() -> None:

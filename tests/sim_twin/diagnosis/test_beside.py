@@ -64,6 +64,12 @@ def test_where_one_effect_explains_it_nothing_more_is_simulated() -> None:
     assert counting.motions < EFFORT.motions
 
 
+@pytest.mark.long
+def test_wherever_time_runs_out_beside_what_was_found_there_is_an_answer() -> None:
+    for motions in range(EFFORT.motions, EFFORT.most, 25):
+        assert found(THREE, 0, Counting(motions)).verdict in {"unknown", "effect"}
+
+
 def test_without_time_for_another_search_the_first_answer_stands() -> None:
     findings = found(THREE, 0, Counting(EFFORT.motions))
     assert findings.verdict == "unknown"

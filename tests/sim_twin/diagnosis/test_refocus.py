@@ -15,7 +15,7 @@ from sim_twin.diagnosis.search import Ranked
 from sim_twin.diagnosis.space import Moments
 from sim_twin.diagnosis.subject import Draw, Observed
 from sim_twin.effects import Parameter
-from tests.sim_twin.diagnosis.toy import BLOCKS, LEFT, RIGHT, Blocks, Toy, recording, response
+from tests.sim_twin.diagnosis.toy import BLOCKS, GAIN, LEFT, RIGHT, Blocks, Toy, recording, response
 
 TOY = Toy()
 RIG = 10**6
@@ -68,6 +68,28 @@ def test_intervals_hold_the_truth() -> None:
         held += found.low <= size <= found.high
     # of forty, fewer than 35 happen in 1 of 100 where each is held with 95 %
     assert held >= 35
+
+
+def test_where_which_of_several_it_is_is_all_that_is_told_the_search_stands() -> None:
+    """As with swapped channels: rigs about it are all alike, and have no more to tell."""
+    which = Cause("left", "here", (Parameter("size", "", ((1.0, 4.0),), whole=True),))
+    ranked = believed((which,), 0.625, deviation=0.01)  # the third of four
+    found, focus = about(ranked, recording((("left", {"size": 3.0}),), RIG))
+    assert found is ranked
+    assert focus is None
+
+
+def test_each_rig_about_an_effect_of_a_sensor_has_a_motion_of_its_own() -> None:
+    drawn = list[Draw]()
+
+    def observe(draws: Sequence[Draw]) -> list[Observed]:
+        drawn.extend(draws)
+        return TOY.observe(draws)
+
+    measured, rng = recording((("gain", {"size": 2.0}),), RIG), np.random.default_rng(0)
+    refocused(believed((GAIN,), 0.5), measured, MOMENTS, [4.0], RIGS, observe, rng, Library())
+    assert len({each.seed for each in drawn}) == len(drawn) >= RIGS
+    assert all(len(each.sensing) == 1 for each in drawn)
 
 
 def test_rigs_are_moved_to_what_is_asked_for() -> None:
