@@ -59,14 +59,15 @@ _UNLOCKED_S = 1e-3  # but at least so much, s
 class ClockFit:
     """Takes pairs as they come, all of a run or one by one, and gives the same model either way.
 
-    Holds at most 65,536 pairs: beyond, every second one is dropped for good.
+    Holds at most 65,536 pairs, for which there is room from the start; beyond, every second one is dropped
+    for good.
     """
 
     def __init__(self, anchor: Anchor | None = None) -> None:
         """`anchor`: which delay the offset shall hold; None lets the pairs decide."""
         self._anchor = anchor
-        self._device, self._arrival = array("d"), array("d")
-        self._seen = 0
+        self._device, self._arrival = (array("d", bytes(8 * (_MOST_PAIRS + 1))) for _ in range(2))
+        self._held = self._seen = 0
         self._every = 1
 
     def add(self, device_s: ArrayLike, arrival_s: ArrayLike) -> None:
@@ -80,18 +81,21 @@ class ClockFit:
             if not isfinite(device + arrival):
                 continue
             if self._seen % self._every == 0:
-                self._device.append(device)
-                self._arrival.append(arrival)
+                self._device[self._held], self._arrival[self._held] = device, arrival
+                self._held += 1
             self._seen += 1
-            if len(self._device) > _MOST_PAIRS:
-                self._device, self._arrival = self._device[::2], self._arrival[::2]
+            if self._held > _MOST_PAIRS:
+                self._held = (_MOST_PAIRS + 2) // 2
+                for each in (self._device, self._arrival):
+                    each[: self._held] = each[::2]
                 self._every *= 2
 
     def model(self) -> ClockModel | None:
         """The model of all pairs so far; None from fewer than `LEAST_PAIRS`."""
-        if len(self._device) < LEAST_PAIRS:
+        if self._held < LEAST_PAIRS:
             return None
-        return _model(np.array(self._device), np.array(self._arrival), self._anchor)
+        pairs = (np.array(each[: self._held]) for each in (self._device, self._arrival))
+        return _model(*pairs, self._anchor)
 
 
 def fit_clock(device_s: ArrayLike, arrival_s: ArrayLike, anchor: Anchor | None = None) -> ClockModel | None:
