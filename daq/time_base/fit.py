@@ -94,8 +94,8 @@ class ClockFit:
         """The model of all pairs so far; None from fewer than `LEAST_PAIRS`."""
         if self._held < LEAST_PAIRS:
             return None
-        pairs = (np.array(each[: self._held]) for each in (self._device, self._arrival))
-        return _model(*pairs, self._anchor)
+        held = self._held
+        return _model(np.array(self._device[:held]), np.array(self._arrival[:held]), self._anchor)
 
 
 def fit_clock(device_s: ArrayLike, arrival_s: ArrayLike, anchor: Anchor | None = None) -> ClockModel | None:
