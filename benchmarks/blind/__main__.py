@@ -26,6 +26,7 @@ from benchmarks.blind.sets import RIGS, SETS
 from benchmarks.kept_results import Results
 
 _AT_ONCE = 6
+"""Campaigns that are recorded together; what is done of them by then is lost with the machine."""
 _STEPS = ("make", "diagnose", "oracle", "score", "all")
 
 
@@ -87,7 +88,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--effort", type=float, default=1.0, help="so many times what fits into it")
     parser.add_argument("--only", nargs="*", default=(), help="diagnose only these campaigns")
     parser.add_argument("--quick", action="store_true", help="score without measuring gaps that are not yet")
-    parser.add_argument("--more", type=int, help="do at most so many campaigns more")
+    parser.add_argument("--more", type=int, help="of `all`: do at most so many more than --results has")
     parser.add_argument("--results", type=Path, help="keep what each campaign came to in this folder")
     parser.add_argument("--discard-logs", action="store_true", help="remove logs once a campaign is done")
     return parser.parse_args()

@@ -26,7 +26,7 @@ from rig.derived.settings import (
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Metadata, Record
-from rig.twin.alignment import Mounting
+from rig.twin.alignment import AS_USUAL, Mounting
 from rig.worker_process import QUEUE_ITEMS, Crew, WorkerFailed, WorkerProcess
 from sim_twin.rigs.channel_table import Role
 
@@ -47,7 +47,7 @@ class Derivation:
         channels: Mapping[Origin, Iterable[str]],
         scenario: Scenario | None,
         known: Mapping[str, Settings] | None = None,
-        mounting: Mounting = Mounting(),  # noqa: B008 - frozen
+        mounting: Mounting = AS_USUAL,
         spend: Callable[..., None] = lambda **_: None,
     ) -> None:
         from rig.derived.per_source import OriginDeriver  # with the compiler, which who records need not load
@@ -93,7 +93,7 @@ def derivation_of(log: LogReader, publish: Consumer) -> Derivation:
         scenario = scenario_of(log)
     except (LogError, ConfigurationError):
         scenario = None
-    mounting, record = Mounting(), log.metadata.get("run", {})
+    mounting, record = AS_USUAL, log.metadata.get("run", {})
     if scenario is not None:
         mounting = mounting_of(record, RIGS[scenario.rig].channels)
     names = {origin: list(log.channels(origin)) for origin in ORIGINS}
@@ -172,7 +172,7 @@ class DerivationProcess:
         publish: Consumer,
         queue_blocks: int = QUEUE_ITEMS,
         crew: Crew | None = None,
-        mounting: Mounting = Mounting(),  # noqa: B008 - frozen
+        mounting: Mounting = AS_USUAL,
     ) -> None:
         self._origins = tuple(channels)
         self._clock, self._publish = clock, publish

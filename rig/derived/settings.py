@@ -31,7 +31,7 @@ from daq.quantity import Bound
 from daq.signals.impacts import Levels, largest_force, levels_of
 from rig.files.scenario import Scenario
 from rig.rigs import RIGS, declared
-from rig.twin.alignment import WORST_BY_GAUGE, Mounting, Reference, reference_among
+from rig.twin.alignment import AS_USUAL, WORST_BY_GAUGE, Mounting, Reference, reference_among
 from sim_twin.rigs.channel_table import ENCODER_ANGLE, Role
 
 RECORD = "derived"
@@ -189,7 +189,7 @@ class Nominal:
         return settle_s(float(self.drive.cycle_hz))
 
 
-def nominal_of(scenario: Scenario, mounting: Mounting = Mounting()) -> Nominal:  # noqa: B008 - frozen
+def nominal_of(scenario: Scenario, mounting: Mounting = AS_USUAL) -> Nominal:
     """What a scenario says; a gauge in the stinger shows impacts with the drive."""
     table = RIGS[scenario.rig].channels
     found = reference_among(table, (table.drive,))

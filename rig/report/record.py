@@ -25,7 +25,7 @@ from rig.files.scenario import parse_scenario
 from rig.pages.words import as_written
 from rig.rigs import RIGS
 from rig.stream import Block, Consumer, Metadata, Record, Stream
-from rig.twin.alignment import Mounting
+from rig.twin.alignment import AS_USUAL, Mounting
 from rig.twin.chains import mounting_of
 from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.channel_table import Role
@@ -194,7 +194,7 @@ class RunRecord:
     def mounting(self) -> Mounting:
         """How what shows the cycles is mounted."""
         kind = RIGS.get(self.facts.rig)
-        return mounting_of(self.metadata.get("run", {}), kind.channels) if kind else Mounting()
+        return mounting_of(self.metadata.get("run", {}), kind.channels) if kind else AS_USUAL
 
     def unit(self, name: str) -> str:
         """A channel's, as people write it."""

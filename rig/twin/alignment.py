@@ -51,6 +51,10 @@ class Mounting:
     mark_rad: float = 0.0
 
 
+AS_USUAL: Final = Mounting()
+"""Where nothing is said."""
+
+
 def untouched(drive: Any) -> Alignment:
     """What the scenario says of the drive of any rig, where nothing was measured."""
     return Alignment(drive.cycle_hz, 0.0, trusted=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from benchmarks.blind import __main__ as blind
 from benchmarks.blind import calibration, command, runner
 from benchmarks.blind import score as scoring
 from benchmarks.blind import seal as sealing
@@ -333,6 +335,27 @@ def test_what_was_kept_on_another_machine_scores_as_it_did_there(tmp_path: Path)
     assert (here / "score.json").read_text() == (there / "score.json").read_text()
     (told,) = (each for each in json.loads((there / "score.json").read_text())["campaigns"] if each["gap"])
     assert told["gap"] == {"before": 3.0, "oracle": 1.0, "after": 1.5}
+
+
+def test_a_campaign_that_was_kept_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+
+    def diagnose(folder: Path, names: list[str], *_: object) -> None:
+        done.extend(names)
+        for name in names:
+            _write(folder, name, _diagnosis(1.0, 0.0, 0.0))
+
+    monkeypatch.setattr(blind, "make", lambda *_: None)
+    monkeypatch.setattr(blind, "measure_gaps", lambda *_: None)
+    monkeypatch.setattr(blind, "diagnose_all", diagnose)
+    for machine, more in (("one", 1), ("another", 2)):
+        asked = argparse.Namespace(
+            folder=tmp_path / machine, seed=5, results=tmp_path / "kept", more=more,
+            budget=None, effort=1.0, discard_logs=False,
+        )  # fmt: skip
+        blind._by_parts(asked, CAMPAIGNS, CAMPAIGNS)
+    assert done == [each.name for each in CAMPAIGNS]
+    assert runner.cost_of(tmp_path / "another", CAMPAIGNS[0].name) is not None
 
 
 def test_campaigns_are_drawn_once_for_the_program_that_was_there(

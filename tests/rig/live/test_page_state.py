@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from multiprocessing import Pipe
 from typing import Any
 
@@ -255,6 +256,16 @@ def test_an_encoder_beside_the_card_does_not_turn_the_crank() -> None:
                 told.state.take(Block(origin, block(2.0 - angle, channel=beside.name)))
         drawn.append(told.newest()["sketch"]["frames"])
     assert drawn[0] == drawn[1]
+
+
+def test_a_cycle_that_a_mark_begins_is_drawn_from_the_angle_at_which_it_comes() -> None:
+    mark, drawn = Channel("crank.marker", "V"), []
+    for at_rad in (0.0, math.pi):
+        told, picture = Told(), replace(PLANAR, marker_angle_rad=at_rad)
+        told.state.take(layout_of("run", [mark], [mark], picture, cycle_s=0.3))
+        told.state.take(Block("measured", block(np.zeros(round(RATE)), channel=mark.name)))
+        drawn.append(told.newest()["sketch"]["frames"])
+    assert drawn[1][0] == drawn[0][12] != drawn[0][0]
 
 
 def test_what_a_sweep_came_to_so_far_is_told(told: Told) -> None:

@@ -40,6 +40,14 @@ def crank_picture(rig: str, model: str = "") -> CrankPicture:
     return picture
 
 
+@pytest.mark.parametrize("rig", ["planar_slider_crank", "spatial_slider_crank"])
+def test_a_picture_knows_at_which_angle_the_mark_comes(rig: str) -> None:
+    twin = nominal(rig)
+    picture = picture_of(replace(twin, rig=replace(twin.rig, marker_angle=0.7)))
+    assert isinstance(picture, CrankPicture)
+    assert picture.marker_angle_rad == 0.7
+
+
 def test_every_rig_has_a_picture() -> None:
     assert all(kind.picture for kind in KINDS.values())
     kinds = [type(picture_of(nominal(rig))) for rig in RIGS]
