@@ -39,7 +39,7 @@ from daq.channel import Channel
 from daq.errors import ConfigurationError, LogError
 from daq.log.writer import LogWriter
 from drivers.ni_daq.channels import CardChannel
-from drivers.ni_daq.emulator.converter import AngleCount, Converter, EdgeCount, Measure, pulse_frequency
+from drivers.ni_daq.emulator.converter import AngleCount, Converter, EdgeCount, Measure, PulseFrequency
 from drivers.ni_daq.emulator.wiring import CounterWire, Input
 from drivers.ni_daq.sensors import described, known_sensor
 from drivers.protocols.speed_drive import MotorOutput
@@ -141,7 +141,7 @@ def measured(scenario: Scenario, bench: Bench, seed: int) -> dict[str, Array]:
     inputs = [Input(channel.physical, 1.0, math.inf) for channel in analog]
     converter = Converter(wiring, plant.channels, inputs, rate)
     counters = {
-        each.name: _counter(each, wiring.counters[each.physical]) for each in channels if each.counted
+        each.name: _counter(each, wiring.counters[each.physical], rate) for each in channels if each.counted
     }
     decoders = {each.name: known_sensor(each).decoder(each) for each in channels if each.counted}
     parts: dict[str, list[Array]] = {channel.name: [] for channel in channels}
@@ -159,12 +159,12 @@ def measured(scenario: Scenario, bench: Bench, seed: int) -> dict[str, Array]:
     return {name: np.concatenate(each)[begin:] for name, each in parts.items()}
 
 
-def _counter(channel: CardChannel, wire: CounterWire) -> Measure:
+def _counter(channel: CardChannel, wire: CounterWire, rate: float) -> Measure:
     pulses = channel.pulses
     if pulses is None:
         return EdgeCount(wire)
     if channel.unit != "rad":
-        return pulse_frequency(wire)
+        return PulseFrequency(wire, rate)
     counts = round(pulses.counted_from / pulses.rad_per_count)
     return AngleCount(wire, pulses.decoding, counts, counts if pulses.index else None)
 

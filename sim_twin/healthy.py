@@ -10,6 +10,7 @@ from typing import Any, Generic
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import UnphysicalParameter
 from sim_twin.sensors import SensorChain
 from sim_twin.twin import AnyTwin, DriveT, Place, RigT, Twin, changed, part_of
 
@@ -81,7 +82,7 @@ class Tolerance:
     deviation: float
     unit: str
     place: Place
-    change: Callable[[AnyTwin, float], AnyTwin]
+    change: Callable[[AnyTwin, float], AnyTwin] = field(repr=False, compare=False)
     relative: bool = True
     each_run: bool = False
 
@@ -121,13 +122,24 @@ def shift(
     return Tolerance(name, deviation, unit, _place(place), change, relative=False)
 
 
+def where_possible(tolerance: Tolerance) -> Tolerance:
+    """The same, but that a twin stays as it is where no rig can be as far off."""
+    return replace(tolerance, change=partial(_where_possible, tolerance.change))
+
+
 def of_sensors(twin: AnyTwin, gains: Mapping[str, float] | None = None) -> tuple[Tolerance, ...]:
-    """Gain (0.5 %, or the channel's deviation in `gains`) and time (2 us) of every analog chain."""
+    """Gain (0.5 %, or the channel's deviation in `gains`) and time (2 us) of every analog chain.
+
+    Pulses that a counter times have no gain.
+    """
     deviations = gains or {}
     found: list[Tolerance] = []
     for name in twin.channels:
-        if isinstance(twin.sensors.get(name, SensorChain()), SensorChain):
-            found.append(factor(f"{name}.gain", deviations.get(name, _GAIN), "", ("sensors", name, "gain")))
+        chain = twin.sensors.get(name, SensorChain())
+        if isinstance(chain, SensorChain):
+            if chain.pulses is None:
+                deviation = deviations.get(name, _GAIN)
+                found.append(factor(f"{name}.gain", deviation, "", ("sensors", name, "gain")))
             found.append(shift(f"{name}.time", _SKEW, "s", ("sensors", name, "skew")))
     return tuple(found)
 
@@ -166,7 +178,7 @@ def moved(twin: AnyTwin, tolerances: Sequence[Tolerance], matched: Matched) -> A
     known = matched.only([each.name for each in tolerances if not each.each_run])
     for tolerance in tolerances:
         twin = tolerance.off(twin, known.mean_of(tolerance.name))
-    return MatchedTwin(twin.rig, twin.drive, twin.sensors, twin.widths, known.centred())
+    return MatchedTwin(twin.rig, twin.drive, twin.sensors, twin.widths, twin.besides, known.centred())
 
 
 def _place(place: str | Place) -> Place:
@@ -181,6 +193,13 @@ def _multiplied(powers: Mapping[Place, int], twin: AnyTwin, offset: float) -> An
 
     multiplied: AnyTwin = changed(twin, {place: times(power) for place, power in powers.items()})
     return multiplied
+
+
+def _where_possible(change: Callable[[AnyTwin, float], AnyTwin], twin: AnyTwin, offset: float) -> AnyTwin:
+    try:
+        return change(twin, offset)
+    except UnphysicalParameter:
+        return twin
 
 
 def _shifted(place: Place, low: float, high: float, twin: AnyTwin, offset: float) -> AnyTwin:

@@ -5,7 +5,7 @@ scipy.signal (half a second of processor time, for it loads most of scipy) only 
 
 Analog: true signal -> (second-order Butterworth) -> (declared stages) -> linear-phase anti-alias low-pass
 with no net delay, decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation -> (the
-input's limit) -> (a wrong factor) -> (what a counter shows of a mark). Skew and anti-alias are one filter.
+input's limit) -> (a wrong factor) -> (what a counter shows of it). Skew and anti-alias are one filter.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class SensorChain:
     `droop_corner` and `bandwidth_corner` in Hz, None where the sensor has none. `stages` and `limit`, the
     largest magnitude that the input takes, are what a bench declares. `factor` is what a wrong sensitivity
     or sign makes of the samples once they are numbers; `source` is the channel whose sensor is plugged in
-    here, empty where it is the right one. Of a marker on a counter `edges` is what is shown of each edge.
+    here, empty where it is the right one. Of a marker on a counter `edges` is what is shown of each edge; of
+    a tachometer on one, `pulses` are those of a revolution, whose last two tell the speed.
     """
 
     noise: Annotated[float, Bound("", 0.0)] = 0.0
@@ -52,6 +53,7 @@ class SensorChain:
     factor: Annotated[float, Bound("", -1e9, 1e9)] = 1.0
     source: str = ""
     edges: Annotated[float | None, Bound("V", 0.0, above=True)] = None
+    pulses: Annotated[float | None, Bound("", 1.0)] = None
 
     def __post_init__(self) -> None:
         require_bounds("SensorChain", self)
@@ -92,6 +94,36 @@ def counted_edges(mark: NDArray[np.floating], level: float) -> Array:
     """
     high = mark > MARK_V / 2
     return np.where(high[1:] & ~high[:-1], level, 0.0)
+
+
+class PulseTimer:
+    """What a counter shows of a shaft's speed: the mean between its last two of `pulses` a revolution.
+
+    Before there are two, the speed itself.
+    """
+
+    def __init__(self, pulses: float, sample_rate: float) -> None:
+        self._step = 2 * np.pi / pulses * sample_rate  # in rad/s times samples, as the speed adds up
+        self._turned = self._before = 0.0
+        self._last = -inf  # pulse, in samples from the next block on
+        self._shown: float | None = None
+
+    def __call__(self, speed: NDArray[np.floating]) -> Array:
+        """Of the next speeds in rad/s, shape (n,), same shape."""
+        nodes = np.abs(np.concatenate([[self._before], speed]))
+        turned = self._turned + np.concatenate([[0.0], np.cumsum((nodes[1:] + nodes[:-1]) / 2)])
+        passed = self._step * np.arange(1, turned[-1] // self._step + 1)
+        pulses = np.concatenate([[self._last], np.interp(passed, turned, np.arange(len(turned)) - 1)])
+        apart = np.diff(pulses)
+        number = np.searchsorted(pulses[1:], np.arange(len(speed)), side="right") - 1
+        told = np.where(number >= 0, np.concatenate([apart, [inf]])[number], inf)
+        before = speed if self._shown is None else self._shown
+        shown = np.where(np.isfinite(told), self._step / told, before)
+        if len(apart) and apart[-1] < inf:
+            self._shown = self._step / float(apart[-1])
+        self._turned, self._before = float(turned[-1] - self._step * len(passed)), float(nodes[-1])
+        self._last = float(pulses[-1]) - len(speed)
+        return np.asarray(shown)
 
 
 def source_of(name: str, sensor: Sensor | None) -> str:
@@ -146,6 +178,7 @@ class SensorStream:
             self._stages = StageStream(chain.stages, fine_rate, output)
         self._high_pass = _butterworth(1, chain.droop_corner, "highpass", sample_rate)
         self._mark = np.full(1, inf)  # one that is high to begin with has not risen
+        self._timer = None if chain.pulses is None else PulseTimer(chain.pulses, sample_rate)
 
     def push(self, fine: Array) -> None:
         passed = self._low_pass(fine)
@@ -169,7 +202,10 @@ class SensorStream:
             step = self._chain.full_scale / 2**23
             samples = np.round(noisy / step) * step
         limit = self._chain.limit
-        shown = np.asarray(samples if limit == inf else np.clip(samples, -limit, limit)) * self._chain.factor
+        shown = np.asarray(samples if limit == inf else np.clip(samples, -limit, limit))
+        if self._timer is not None:
+            shown = self._timer(shown)
+        shown = shown * self._chain.factor
         if self._chain.edges is None:
             return shown
         mark = np.concatenate([self._mark, shown])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeAlias, T
 from sim_twin.sensors import Sensor, source_of
 
 if TYPE_CHECKING:
+    from sim_twin.healthy import Tolerance
     from sim_twin.rigs.rig_model import RigModel
 
 
@@ -34,13 +35,15 @@ DriveT = TypeVar("DriveT")
 class Twin(Generic[RigT, DriveT]):
     """What is simulated; channels without an entry in `sensors` have the ideal analog chain.
 
-    `widths` say, by name, how many times wider than elsewhere a tolerance of this lab's healthy rigs is.
+    `widths` say, by name, how many times wider than elsewhere a tolerance of this lab's healthy rigs is;
+    `besides` are tolerances in which other labs' rigs do not differ at all.
     """
 
     rig: RigT
     drive: DriveT
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     widths: Mapping[str, float] = field(default_factory=dict)
+    besides: tuple[Tolerance, ...] = ()
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import log10
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
@@ -77,12 +78,14 @@ def speed(rad_per_pulse: float) -> Decoder:
 
 
 STANDARD_GRAVITY = 9.80665  # m/s2, 3rd CGPM 1901; DAQmx takes accelerometer sensitivities per g
+HEARING_THRESHOLD_PA = 20e-6  # what DAQmx counts a sound's decibels from (IEC 61672-1)
 LBF = 4.4482216152605  # N, from the pound of 1959 and standard gravity
 _SLOWEST = 1e-4  # of a tachometer's range: DAQmx wants to know the lowest frequency, which may not be 0
 
 FORCE: Final = {"N": Quantity("N", 0, 1e6, above=True)}
 ACCELERATION: Final = {"m/s2": Quantity("m/s2", 0, 1e6, above=True)}
 VOLTAGE: Final = {"V": Quantity("V", 0, 1e3, above=True)}
+SOUND: Final = {"Pa": Quantity("Pa", 0, 1e5, above=True)}
 SPEED: Final = {"rad/s": Quantity("rad/s", 0, 1e5, above=True)}
 ANY_UP_TO: Final = 1e9
 """Of a channel that no rig has, in its unit: 10,000 bar."""
@@ -200,6 +203,20 @@ def declare_acceleration_iepe(task: Any, channel: CardChannel) -> None:
         units=AccelUnits.METERS_PER_SECOND_SQUARED,
         sensitivity=channel.sensitivity * STANDARD_GRAVITY * 1e3,  # V per m/s2 to mV/g
         sensitivity_units=AccelSensitivityUnits.MILLIVOLTS_PER_G,
+        current_excit_source=ExcitationSource.INTERNAL,
+        current_excit_val=channel.excitation_a,
+    )
+
+
+def declare_microphone_iepe(task: Any, channel: CardChannel) -> None:
+    """A microphone with its supply from the card."""
+    from nidaqmx.constants import ExcitationSource, SoundPressureUnits
+
+    task.ai_channels.add_ai_microphone_chan(
+        channel.physical,
+        units=SoundPressureUnits.PA,
+        mic_sensitivity=channel.sensitivity * 1e3,  # V/Pa to mV/Pa
+        max_snd_press_level=20 * log10(channel.range / HEARING_THRESHOLD_PA),
         current_excit_source=ExcitationSource.INTERNAL,
         current_excit_val=channel.excitation_a,
     )
@@ -331,6 +348,16 @@ _OWN: Final = {
             in_volts=False,
             ac_coupled=True,
             sheet=acceleration_sheet,
+        )
+    ),
+    "microphone_iepe": SensorKind(
+        AnalogSensor(
+            SOUND,
+            declare_microphone_iepe,
+            takes=("corner", *_ANY_INPUT),
+            fed=True,
+            in_volts=False,
+            ac_coupled=True,
         )
     ),
     "encoder": SensorKind(

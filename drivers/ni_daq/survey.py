@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any
 
 from nidaqmx.error_codes import DAQmxErrors
@@ -15,6 +16,7 @@ from drivers.ni_daq.sensors import known_sensor
 from drivers.ni_daq.session import UNSUPPORTED
 
 _OFFERS = {"ai": "ai_physical_chans", "ctr": "ci_physical_chans"}  # what lists them
+_ROUNDING = 1 + 1e-9
 TOLERANCE = 0.01
 """Of the sensitivity: twice what calibrations of a healthy sensor differ by."""
 ABSENT = UNSUPPORTED | {  # no sheet to read: nothing is wrong with a sensor that has none
@@ -146,6 +148,7 @@ def survey(system: Any, channels: Sequence[CardChannel], new_task: Callable[[], 
         if chassis != found.chassis:
             other = f"{name} is in {chassis}, which does not share the sample clock of {found.chassis}"
             found.wrong += [f"{channel.name} on {channel.physical}: {other}" for channel in there]
+        found.wrong += _too_large(device, [channel for channel in there if channel.input == "ai"])
         for channel in _offered(found, device, there):
             sheet = read_sheet(device, channel, new_task) if channel.input == "ai" else None
             if sheet is not None:
@@ -155,6 +158,21 @@ def survey(system: Any, channels: Sequence[CardChannel], new_task: Callable[[], 
     known = [devices[name] for name in wanted if name in devices]
     found.simulated = bool(known) and all(device.is_simulated for device in known)
     return found
+
+
+def _too_large(device: Any, channels: Sequence[CardChannel]) -> Iterator[str]:
+    """Say which ranges reach farther than inputs of their module do, each in its own words."""
+    try:
+        most_v = max(map(abs, device.ai_voltage_rngs), default=inf) if channels else inf
+    except DaqError as error:
+        if error.error_code not in UNSUPPORTED:
+            raise
+        return
+    for channel in channels:
+        if channel.full_scale_v > _ROUNDING * most_v:
+            where = f"{channel.name} on {channel.physical}"
+            told = f"{channel.range:g} {channel.unit}, is {channel.full_scale_v:g} V"
+            yield f"{where}: its range, {told}, and an input of the {device.product_type} takes {most_v:g} V"
 
 
 def _chassis(device: Any) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rig.diagnosis.one_rig import LOOKED_AT_FIRST, at_one_setting, require_alike
 from rig.diagnosis.recordings import RecordedCampaign, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.pages.words import listed
@@ -62,12 +63,15 @@ def calibrated(
 ) -> Calibration:
     """Match the campaign's twin by simulated healthy `rigs`, and learn what it does otherwise then.
 
-    Where the match is of no healthy rig there is nothing to learn. Raises SimulationFailed.
+    Where the match is of no healthy rig there is nothing to learn. Raises SimulationFailed, and Refused for
+    runs of two rigs.
     """
-    rng, asked = np.random.default_rng(seed), rigs + _MATCHED_RIGS
+    rng, first = np.random.default_rng(seed), LOOKED_AT_FIRST if at_one_setting(read) else 0
+    asked = first + rigs + _MATCHED_RIGS
     work = work_of("calibrate", read.campaign, [1] * asked)
     with screen.bar("simulating", asked, "healthy rigs", work) as bar, worker_processes(cores()) as workers:
         simulate = Simulated(read.campaign, workers.executor, time.monotonic() + budget_s, bar)
+        require_alike(read, read.campaign.layout, lambda draws: [*fingerprints_of(simulate(draws))], seed)
         found = match(read.campaign, read.measured, simulate, rigs, rng, read.told, known_healthy)
         draws = healthy_draws(_MATCHED_RIGS, rng) if found.healthy else []  # else it may be no rig at all
         matched = matched_campaign(read.campaign, found.matched) if draws else read.campaign

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -175,7 +175,19 @@ def recorded_of(runs: Sequence[Path], model: Path | None, screen: Screen) -> Rec
     if known is None:
         return data
     scenarios = [parse_scenario(text) for text in data.scenarios]
-    return replace(data, campaign=campaign_with_model(data.campaign, known, scenarios, screen.warn))
+    campaign = campaign_with_model(data.campaign, known, scenarios, screen.warn)
+    remarks = (*data.remarks, *_of_whom(model, known, data.specimen))
+    return replace(data, campaign=campaign, remarks=remarks)
+
+
+def _of_whom(model: Path | None, known: ModelFile, specimen: str | None) -> Iterator[str]:
+    """Say that nobody knows whether a model of one rig is of this one."""
+    whose = {str(model): known.specimen, "these runs": specimen}
+    if lacking := [name for name, said in whose.items() if said is None and not known.lab]:
+        yield (
+            f"no specimen is named by {' and '.join(lacking)}: whether the model is of this rig nobody can "
+            'tell, and one of another rig misleads. Say it in the scenarios: [notes] specimen = "..."'
+        )
 
 
 def not_looked_for(data: RecordedCampaign) -> list[str]:

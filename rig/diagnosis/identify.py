@@ -23,8 +23,8 @@ from daq.errors import LogError, RattleError, SimulationFailed
 from daq.quantity import Quantity, Setting
 from rig.diagnosis.experiments import options
 from rig.diagnosis.kept import kept_arrays, version_of
-from rig.diagnosis.model_values import WithValues, tolerance_of
-from rig.diagnosis.one_rig import NOT_THIS_RIG, Refused, of_one_rig, require_one_rig
+from rig.diagnosis.model_values import WithValues, closed_by, tolerance_of
+from rig.diagnosis.one_rig import NOT_THIS_RIG, Refused, of_one_rig, require_alike, require_one_rig
 from rig.diagnosis.recordings import RecordedCampaign, recorded, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.faults import Faults
@@ -69,9 +69,10 @@ def identifying(runs: Sequence[RunSetting], scenarios: Sequence[Scenario], free:
     """Runs of their scenarios, in which the values of `free` keys are those of a draw, exactly."""
     kind, opened = RIGS[scenarios[0].rig], list[RunSetting]()
     for run in runs:
-        closed = tuple(each.name for key in free if (each := tolerance_of(kind, key, run.twin)) is not None)
+        closed = tuple(sorted({name for key in free for name in closed_by(kind, key, run.twin)}))
         known = Matched(closed, np.zeros(len(closed)), np.zeros((len(closed), len(closed))))
-        twin = MatchedTwin(run.twin.rig, run.twin.drive, run.twin.sensors, run.twin.widths, known)
+        own = run.twin
+        twin = MatchedTwin(own.rig, own.drive, own.sensors, own.widths, own.besides, known)
         opened.append(replace(run, twin=twin))
     return WithValues(tuple(opened), rig=kind.name, given=tuple(each.model for each in scenarios))
 
@@ -85,7 +86,8 @@ def wide_of(kind: RigKind, key: str, given: Mapping[str, Any], twin: AnyTwin, be
     if setting is None or not isinstance(meaning := setting.meaning, Quantity):
         several = [name for name in kind.numbers if name.startswith(f"{key}[")]
         raise FieldError(listed(several, "or") if several else "a key of one number that is no count")
-    if at(twin.rig, setting.place[:-1]) is None:
+    *of_part, step = setting.place
+    if at(twin.rig, setting.place if step.isdigit() else tuple(of_part)) is None:
         raise FieldError("a key of a part that the rig has")
     low, high = (end * si_factor(meaning.unit) for end in (meaning.low, meaning.high))
     if between:
@@ -355,6 +357,9 @@ def identify(
 
         simulate = kept(campaign)
         require_moves(wides, campaign, simulate)
+        layout, compared = campaign.layout.only(partial(_compared, campaign))
+        seen = replace(data, measured=data.measured[:, compared])
+        require_alike(seen, layout, partial(_shown, kept(campaign, report=False), compared), seed)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             rng = np.random.default_rng(seed)
             rounds = fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told)
@@ -367,15 +372,11 @@ def identify(
         given = parse_scenario(data.scenarios[0]).model
         was = {name: kind.value(name, given) for name in best}
         repaired = _with_best(data, best)
-        layout, compared = repaired.layout.only(partial(_compared, campaign))
-        healthy = [
-            each[0][:, compared]
-            for each in kept(repaired, report=False)([Draw((), seed + k, blocks=2) for k in range(_HEALTHY)])
-            if each and each[0] is not None
-        ]
+        draws = [Draw((), seed + number, blocks=2) for number in range(_HEALTHY)]
+        healthy = _shown(kept(repaired, report=False), compared, draws)
         if len(healthy) < _FEWEST:
             raise RattleError("too few rigs with the values found could be simulated; nothing was written")
-        measure, seen = gap_measure(healthy, layout), replace(data, measured=data.measured[:, compared])
+        measure = gap_measure(healthy, layout)
         gaps = of_one_rig(seen, measure, healthy)
         cells = measure.cells(seen.measured)
         # many figures of responses that fit are not to hide that a motion does not
@@ -396,6 +397,13 @@ def identify(
             more = _next_run(data, known, kept, np.random.default_rng([seed, 1]))
     of_runs = zip([path.name for path in data.paths], gaps, strict=True)
     return Identification(known, was, gap, found.converged, more, tuple(of_runs))
+
+
+def _shown(
+    simulate: Execute, compared: NDArray[np.bool_], draws: Sequence[Draw]
+) -> list[NDArray[np.floating]]:
+    """What is `compared` of the draws that could be simulated."""
+    return [each[0][:, compared] for each in simulate(draws) if each and each[0] is not None]
 
 
 def _compared(campaign: Campaign, cell: Cell) -> bool:
@@ -471,8 +479,9 @@ _WORTH_IT = 0.2
 def _digest(campaign: Campaign) -> str:
     """Of all that what its draws show follows from."""
     runs = [
-        (run.twin.rig, run.twin.drive, sorted(run.twin.sensors.items()), run.twin.widths, run.columns)
+        (twin.rig, twin.drive, sorted(twin.sensors.items()), twin.widths, twin.besides, run.columns)
         for run in campaign.runs
+        for twin in [run.twin]
     ]
     rest = [(run.oversampling, run.cycles, run.quiet) for run in campaign.runs]
     known = [getattr(run.twin, "known", None) for run in campaign.runs]

@@ -15,6 +15,7 @@ from daq.errors import ConfigurationError, Problem, RattleError
 from rig.diagnosis.recordings import AloneRun, recorded_alone, work_of
 from rig.ensembles import Simulated, cores, worker_processes
 from rig.files.faults import toml_key
+from rig.files.lab_tolerances import LARGEST_SHARE, in_words
 from rig.files.model_file import ModelFile, as_identified, head_text, load_model, parse_model
 from rig.rigs import RIGS
 from rig.session.pace import reading
@@ -127,13 +128,18 @@ def _all_wide(twin: AnyTwin) -> dict[str, float]:
 
 def not_learnt(run: AloneRun) -> str:
     """What is set anew for each run, and how far it differs: its spread is no rig's, and none is learnt."""
-    tolerances = RIGS[run.scenario.rig].tolerances(run.scenario.model).values()
     widths = run.scenario.widths
     return ", ".join(
-        f"{each.name} {_plain(each, widths.get(each.name, 1.0) * each.deviation)}"
-        for each in tolerances
+        f"{each.name} {in_words(each, widths.get(each.name, 1.0) * each.deviation)}"
+        for each in _tolerances(run).values()
         if each.each_run
     )
+
+
+def _tolerances(run: AloneRun) -> dict[str, Tolerance]:
+    """What the rigs of a run differ by, as wide as elsewhere; what they do not there as its scenario says."""
+    known = RIGS[run.scenario.rig].tolerances(run.scenario.model)
+    return {**known, **{each.name: each for each in run.scenario.besides}}
 
 
 def lab_text(
@@ -142,7 +148,7 @@ def lab_text(
     """The model file that holds them as [tolerances], and what was `known` of values; it can be read."""
     rig = runs[0].scenario.rig
     before = runs[0].scenario.widths
-    tolerances = RIGS[rig].tolerances(runs[0].scenario.model)
+    tolerances, besides = _tolerances(runs[0]), {each.name for each in runs[0].scenario.besides}
     lines = [
         "# How far healthy rigs of this lab differ, as rattle calibrate --spread learnt it: standard",
         "# deviations; for --model, or for [tolerances] of a scenario. What the runs do not tell is as wide",
@@ -155,20 +161,13 @@ def lab_text(
     ]
     for name, width in zip(spread.names, spread.widths, strict=True):
         usual = tolerances[name]
-        deviation = width * before.get(name, 1.0) * usual.deviation
-        lines.append(
-            f"{toml_key(name)} = {_written(usual, deviation)}  # usual {_plain(usual, usual.deviation)}"
-        )
+        deviation, said = width * before.get(name, 1.0) * usual.deviation, "usual"
+        if name in besides:
+            deviation, said = min(deviation, LARGEST_SHARE) if usual.relative else deviation, "was"
+        text = in_words(usual, deviation)
+        given = json.dumps(text) if usual.relative or usual.unit else text
+        lines.append(f"{toml_key(name)} = {given}  # {said} {in_words(usual, usual.deviation)}")
     lines += [] if known is None else as_identified(known)
     text = "\n".join([*lines, ""])
     parse_model(text, "model", rig)
     return text
-
-
-def _written(usual: Tolerance, deviation: float) -> str:
-    plain = _plain(usual, deviation)
-    return plain if not usual.relative and not usual.unit else json.dumps(plain)
-
-
-def _plain(usual: Tolerance, deviation: float) -> str:
-    return f"{100 * deviation:.3g} %" if usual.relative else f"{deviation:.3g} {usual.unit}".strip()

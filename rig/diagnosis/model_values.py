@@ -11,7 +11,7 @@ from daq.errors import UnphysicalParameter
 from daq.quantity import Quantity
 from rig.files.quantity import si_factor
 from rig.rigs import RIGS
-from rig.rigs.kind import RigKind, at
+from rig.rigs.kind import RigKind, at, tolerance_among
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.cause import Cause
 from sim_twin.diagnosis.identification import VALUES
@@ -98,9 +98,20 @@ def _of_model(name: str) -> bool:
 
 def tolerance_of(kind: RigKind, key: str, twin: AnyTwin) -> Tolerance | None:
     """What healthy rigs differ by in the value of a key; None where they do not."""
-    place, named = ("rig", *kind.model[key].place), (key, key.replace("_", ".", 1))
-    found = (each for each in twin.model.healthy_spread(twin) if each.place == place or each.name in named)
-    return next(found, None)
+    return tolerance_among(kind, key, twin.model.healthy_spread(twin))
+
+
+def closed_by(kind: RigKind, key: str, twin: AnyTwin) -> set[str]:
+    """The tolerances that a known value of a key leaves nothing of, by name.
+
+    Of a number of a list also what all of its numbers differ by together.
+    """
+    own, place = tolerance_of(kind, key, twin), ("rig", *kind.model[key].place)
+    found = set() if own is None else {own.name}
+    if not place[-1].isdigit():
+        return found
+    of_list = (each for each in twin.model.healthy_spread(twin) if each.place[:-1] == place[:-1])
+    return found | {each.name for each in of_list if at(each.off(twin, 1.0), place) != at(twin, place)}
 
 
 def with_doubts(rig: str, campaign: Campaign, given: Sequence[Mapping[str, Any]]) -> WithValues:

@@ -257,6 +257,12 @@ def _other_rig(first: _Run, other: _Run) -> Iterator[Problem]:
             told = ["default" if value is None else str(value) for value in (one, two)]
             what = f"{told[0]} in {first.path.name}, {told[1]} in {other.path.name}"
             yield Problem(f"model.{key}", what, f"runs of one rig ({', '.join(set_up)} may differ)")
+    widths, besides = (
+        tuple(getattr(run.scenario, of) for run in (first, other)) for of in ("widths", "besides")
+    )
+    if widths[0] != widths[1] or besides[0] != besides[1]:
+        what = f"others in {first.path.name} than in {other.path.name}"
+        yield Problem("tolerances", what, "the same, of runs of one rig")
 
 
 @dataclass(frozen=True, slots=True)

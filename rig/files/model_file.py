@@ -22,8 +22,8 @@ from pydantic import Strict
 from daq.quantity import Key, Quantity, Text, Whole
 from rig.files.faults import Faults, as_written, dotted, read_toml, toml_key
 from rig.files.file_kind import read_file
+from rig.files.lab_tolerances import MOST_TIMES
 from rig.files.quantity import si_factor
-from rig.files.scenario import MOST_TIMES
 from rig.files.table import NOTHING, read_table, read_values, unknown_keys
 from rig.rigs import RIGS
 from sim_twin.healthy import Matched
@@ -56,6 +56,7 @@ class _ToleranceSection:
     deviation: Annotated[float, Quantity("", 0, 1)]
     correlations: Annotated[tuple[Correlation, ...], Text(_CORRELATIONS)]
     width: Annotated[float, Quantity("", 0, MOST_TIMES)] = 1.0
+    besides: Annotated[str, Text("a standard deviation as [tolerances] has it")] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +88,8 @@ class ModelFile:
 
     `nominals` are the values, by tolerance, of the twin that was matched; SI. `model` holds values of keys of
     [model], told or not, and `identified` says of them, by key, how they were found. `widths` are those that
-    its tolerances had, `lab` is a table [tolerances], `discrepancies` are what the matched twin does
-    otherwise.
+    its tolerances had, `besides` those in which others do not differ, `lab` is a table [tolerances],
+    `discrepancies` are what the matched twin does otherwise.
     """
 
     rig: str
@@ -100,6 +101,7 @@ class ModelFile:
     model: Mapping[str, Any] = field(default_factory=dict)
     identified: Mapping[str, Identified] = field(default_factory=dict)
     widths: Mapping[str, float] = field(default_factory=dict)
+    besides: Mapping[str, str] = field(default_factory=dict)
     lab: Mapping[str, Any] = field(default_factory=dict)
     discrepancies: tuple[Discrepancy, ...] = ()
     specimen: str | None = None
@@ -166,6 +168,7 @@ def parse_model(text: str, source: str, rig: str) -> ModelFile:
         model=model,
         identified=identified,
         widths=widths,
+        besides={each.name: each.besides for each in sections if each.besides},
         lab=lab,
         discrepancies=discrepancies,
         specimen=specimen,
@@ -278,6 +281,7 @@ def model_text(
     matched: Matched,
     remarks: Mapping[str, str],
     widths: Mapping[str, float] = NOTHING,
+    besides: Mapping[str, str] = NOTHING,
     before: Sequence[str] = (),
     discrepancies: Sequence[Discrepancy] = (),
     specimen: str | None = None,
@@ -301,6 +305,7 @@ def model_text(
             f'name = "{name}"' + (f"  # {remarks[name]}" if name in remarks else ""),
             f"nominal = {nominals[name]!r}",
             *([f"width = {widths[name]!r}"] if name in widths else []),
+            *([f"besides = {json.dumps(besides[name])}"] if name in besides else []),
             f"mean = {matched.mean[row]:.4f}",
             f"deviation = {min(matched.deviation[row], 1.0):.4f}",
             f"correlations = [{', '.join(f'{each:.3f}' for each in correlation[row, :row])}]",

@@ -10,16 +10,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from daq.errors import UnphysicalParameter
 from daq.quantity import REQUIRED, Depending, Quantity, Setting, Text, settings_of
 from drivers.ni_daq.sensors import ANY_UP_TO
 from rig.files.faults import Faults, as_written, dotted, read_toml, toml_of
 from rig.files.file_kind import read_file
+from rig.files.lab_tolerances import lab_tolerances
 from rig.files.quantity import QuantityError, si_unit, written
 from rig.files.table import (
     FieldError,
     field_of,
-    quantity_field,
     read_table,
     read_values,
     sound_values,
@@ -27,11 +26,10 @@ from rig.files.table import (
 )
 from rig.rigs import RIGS, declared
 from rig.rigs.kind import RigKind
+from sim_twin.healthy import Tolerance
 
 # Nyquist with the usual margin for the anti-alias filter of a vibration analyser
 SAMPLES_PER_PERIOD: Final = 2.56
-MOST_TIMES: Final = 50.0
-"""As wide as elsewhere, of a lab's own tolerance."""
 LEVEL_UP_TO: Final = 1e6
 """Of a limit or a level, in the channel's unit."""
 
@@ -65,8 +63,8 @@ class Scenario:
 
     `model` holds what the operator says of the rig, by key of [model]: what is not there is nominal. `drive`
     is what the rig's physics calls its drive. `notes` say what a run was (operator, specimen, whatever a lab
-    calls it), by keys of its own; only whether runs are of one rig depends on them. `widths` are those of its
-    twin, of [tolerances].
+    calls it), by keys of its own; only whether runs are of one rig depends on them. `widths`
+    and `besides` are those of its twin, of [tolerances].
     """
 
     name: str
@@ -78,6 +76,7 @@ class Scenario:
     text: str
     notes: Mapping[str, str] = field(default_factory=dict)
     widths: Mapping[str, float] = field(default_factory=dict)
+    besides: tuple[Tolerance, ...] = ()
 
     @property
     def specimen(self) -> str | None:
@@ -144,7 +143,8 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
         raise faults.error()
     limits = tuple(_limits(table.get("limits", {}), kind, faults))
     notes = dict(_notes(table.get("notes", {}), faults))
-    widths = {} if model is None else widths_of(kind, model, table.get("tolerances", {}), faults)
+    differing = {} if model is None else table.get("tolerances", {})
+    widths, besides = lab_tolerances(kind, model, differing, faults)
     given = table.get("acquisition")
     rate = sound_values(settings_of(AcquisitionSection), given).get("sample_rate")
     frequency = kind.cycle_hz(sound_values(settings_of(kind.drive), table.get("drive")))
@@ -155,7 +155,9 @@ def scenario_of(table: Mapping[str, Any], source: str, text: str | None = None) 
             faults.add_from(given, "sample_rate", "acquisition", allowed)
     if faults or name is None or acquisition is None:
         raise faults.error()
-    return Scenario(name, kind.name, model, drive, acquisition, limits, text or toml_of(table), notes, widths)
+    return Scenario(
+        name, kind.name, model, drive, acquisition, limits, text or toml_of(table), notes, widths, besides
+    )
 
 
 def edited(scenario: Scenario, settings: Mapping[str, object], source: str) -> Scenario:
@@ -176,32 +178,6 @@ def with_values(table: Mapping[str, Any], settings: Mapping[str, object]) -> dic
         if isinstance(held, dict):
             held[name] = value
     return changed
-
-
-def widths_of(kind: RigKind, model: Mapping[str, Any], table: object, faults: Faults) -> dict[str, float]:
-    """How many times wider than elsewhere [tolerances] says that a lab's rigs of a [model] are, by name."""
-    if not isinstance(table, dict):
-        faults.add("tolerances", table, 'a table such as contact_stiffness = "8 %"')
-        return {}
-    widths = dict[str, float]()
-    try:
-        known = kind.tolerances(model) if table else {}
-    except UnphysicalParameter:  # which whoever makes a twin of it tells
-        return {}
-    for name, given in table.items():
-        key = dotted("tolerances", name)
-        if name not in known:
-            faults.unknown(key, given, name, known, "tolerance")
-            continue
-        usual = known[name]
-        most = MOST_TIMES * usual.deviation
-        try:
-            deviation = quantity_field(Quantity("" if usual.relative else usual.unit, 0, most)).read(given)
-        except FieldError as error:
-            faults.add(key, given, f"a standard deviation, {error}")
-        else:
-            widths[name] = deviation / usual.deviation
-    return widths
 
 
 def _notes(table: object, faults: Faults) -> Iterator[tuple[str, str]]:

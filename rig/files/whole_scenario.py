@@ -26,7 +26,9 @@ _HEAD: Final = """\
 # another one decides is commented out, with what decides it; give it, and it stands whatever the other says.
 """
 _TOLERANCES: Final = """\
-# How far healthy rigs differ, as standard deviations, where this lab's do so by more or less than these.
+# How far healthy rigs differ, as standard deviations, where this lab's do so by more or less than these
+# (assumed, a good workshop's; up to fifty times as much). Besides them may stand any other number of a part
+# of the rig: with a share of it (up to 30 %); an angle, and what is 0 or may lie to either side, in its unit.
 # [tolerances]"""
 _LIMITS: Final = """\
 # Limits, for each of its channels that shall have some: {channels}
@@ -49,7 +51,8 @@ def whole_scenario(kind: RigKind) -> str:
     alternatives = _alternatives(kind)
     for key, setting in kind.keys.items():
         if key in signature(kind.nominal).parameters:
-            lines.append(_line(setting, _usual(setting), off=setting.default is None))
+            usual, off = _usual(setting), setting.default is None
+            lines.append(_line(setting, usual, _with_words(kind, key, usual, alternatives), off))
         else:
             lines.append(_of_a_field(setting, alternatives))
     sections = {"drive": settings_of(kind.drive), "acquisition": settings_of(AcquisitionSection)}
@@ -84,6 +87,21 @@ def _alternatives(kind: RigKind) -> list[_Alternative]:
     return sorted(found, key=lambda each: len(each.words))
 
 
+def _with_words(kind: RigKind, key: str, value: Any, alternatives: list[_Alternative]) -> str:
+    """The words without which no such value may stand under a key; empty for none."""
+    defaults = {name: each.default for name, each in kind.model.items()}
+    for other in alternatives:
+        values = {**defaults, **other.words, key: value}
+        checks = (check for check in kind.checks if values.keys() >= set(check.keys))
+        if not any(fault for check in checks for fault in check.find(values)):
+            return _together(other.words)
+    return ""
+
+
+def _together(words: Mapping[str, Any]) -> str:
+    return f"with {', '.join(f'{key} = {as_written(word)}' for key, word in words.items())}" if words else ""
+
+
 def _choices(setting: Setting) -> tuple[Any, ...]:
     """The default, and whatever else a word may be; of a number one other."""
     (plain,) = members(setting.type)
@@ -102,8 +120,7 @@ def _of_a_field(setting: Setting, alternatives: list[_Alternative]) -> str:
         there = next((each for each in others if at(each.rig, setting.place) is not None), None)
         if there is None:
             return f"# {setting.key} = ...  # {_told(setting)}; none"
-        words = ", ".join(f"{key} = {as_written(word)}" for key, word in there.words.items())
-        return _line(setting, at(there.rig, setting.place), f"with {words}", off=True)
+        return _line(setting, at(there.rig, setting.place), _together(there.words), off=True)
     single = [each for each in others if len(each.words) == 1]
     deciding = [
         key for each in single for key in each.words if at(each.rig, setting.place) not in (default, None)

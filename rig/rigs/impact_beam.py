@@ -34,5 +34,6 @@ KIND: Final = RigKind(
     picture="rig.live.rigs.impact_beam:BeamPicture",
     checks=CHECKS,
     stops=(UPPER.name, LOWER.name),
+    lists={"mode_damping": "modal_damping"},
     equipped=lambda rig, channels: replace(rig, stations=stations_of(channels)),
 )

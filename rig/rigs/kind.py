@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import resources
 from inspect import signature
 from typing import Any, get_args, get_origin
 
+from daq.errors import UnphysicalParameter
 from daq.quantity import REQUIRED, Check, Quantity, Setting, settings_of
 from sim_twin.healthy import Tolerance
 from sim_twin.rigs.channel_table import ChannelTable, Role
@@ -16,9 +17,10 @@ from sim_twin.twin import AnyTwin, Place, Twin, part_of
 
 
 def at(rig: Any, place: Place) -> Any:
-    """What stands at a place of a rig; None where a part on the way is not there."""
+    """What stands at a place of a rig; None where it, or a part on the way, is not there."""
     for step in place:
-        rig = None if rig is None else part_of(rig, step)
+        lacking = rig is None or (isinstance(rig, tuple) and int(step) >= len(rig))
+        rig = None if lacking else part_of(rig, step)
     return rig
 
 
@@ -36,6 +38,13 @@ def _with(part: Any, values: Mapping[Place, Any]) -> Any:
     return {**part, **new} if isinstance(part, Mapping) else replace(part, **new)
 
 
+def tolerance_among(kind: RigKind, key: str, tolerances: Iterable[Tolerance]) -> Tolerance | None:
+    """What healthy rigs differ by in the value of a key of [model]; None where they do not."""
+    place, named = ("rig", *kind.model[key].place), (key, key.replace("_", ".", 1))
+    found = [each for each in tolerances if each.place == place or each.name in named]
+    return found[-1] if found else None  # what all of a list differ by together comes before that of each
+
+
 @dataclass(frozen=True)
 class RigKind:
     """A rig: its physics, its channels, and how a lab handles it.
@@ -48,6 +57,7 @@ class RigKind:
     `variations` are settings for a next experiment, as factors of scenario keys. `equipped(rig, channels)` is
     the rig with the sensors that a bench has at places of its choice. `stops` are the forces on either side
     of a play, of which half cycles are told. `picture` shows it, as module:class; empty without one.
+    `lists` are keys of lists of any length, each with the field of the rig that their numbers begin.
     `package` is where the bench of a run without a file lies, named for the rig (.toml).
     """
 
@@ -64,6 +74,7 @@ class RigKind:
     extras: tuple[str, ...] = ()
     stops: tuple[str, str] | None = None
     equipped: Callable[[Any, tuple[str, ...]], Any] = field(default=lambda rig, channels: rig)
+    lists: Mapping[str, str] = field(default_factory=dict)
     package: str = "rig.rigs"
 
     @property
@@ -89,12 +100,21 @@ class RigKind:
                 continue
             if each.type in (float, float | None):
                 found[key] = each
-            elif get_origin(each.type) is tuple and Ellipsis not in get_args(each.type):
-                for index in range(len(get_args(each.type))):
-                    name, place = f"{key}[{index + 1}]", (*each.place, str(index))
-                    own = None if each.default is None else each.default[index]
-                    found[name] = replace(each, key=name, type=float, default=own, place=place)
+            elif get_origin(each.type) is tuple:
+                place, defaults = self._listed(each)
+                for index, own in enumerate(defaults):
+                    name, where = f"{key}[{index + 1}]", (*place, str(index))
+                    found[name] = replace(each, key=name, type=float, default=own, place=where)
         return found
+
+    def _listed(self, setting: Setting) -> tuple[Place, tuple[float | None, ...]]:
+        """Where several numbers under one key stand in the rig, and their defaults."""
+        if setting.key in self.lists:
+            place = (self.lists[setting.key],)
+            return place, at(self.nominal(), place)
+        if Ellipsis in get_args(setting.type):
+            return setting.place, ()
+        return setting.place, setting.default or (None,) * len(get_args(setting.type))
 
     @cached_property
     def keys(self) -> Mapping[str, Setting]:
@@ -119,7 +139,16 @@ class RigKind:
         """The nominal rig with what [model] gives; raises UnphysicalParameter for what no rig can have."""
         chosen = given.keys() & signature(self.nominal).parameters.keys()
         rig = self.nominal(**{key: given[key] for key in chosen})
-        return _with(rig, {self.model[key].place: given[key] for key in given.keys() - chosen})
+        return self._with(rig, {key: given[key] for key in given.keys() - chosen})
+
+    def _with(self, rig: Any, values: Mapping[str, Any]) -> Any:
+        """A rig with values under keys of its parts."""
+        for key, value in values.items():
+            *of_list, step = self.model[key].place
+            numbers = at(rig, tuple(of_list)) if step.isdigit() else None
+            if numbers is not None and int(step) >= len(numbers):
+                raise UnphysicalParameter(self.name, key, value, f"one of the {len(numbers)} that there are")
+        return _with(rig, {self.model[key].place: value for key, value in values.items()})
 
     def value(self, key: str, given: Mapping[str, Any]) -> Any:
         """What the rig of a table [model] has under a key; None of a part that is not there."""
@@ -140,7 +169,7 @@ class RigKind:
             parts = {each.name: getattr(after, each.name) for each in fields(after)}
             new = {name: part for name, part in parts.items() if part != getattr(before, name)}
             rig = replace(rig, **new)
-        return _with(rig, {self.model[key].place: values[key] for key in values.keys() - of_parts})
+        return self._with(rig, {key: values[key] for key in values.keys() - of_parts})
 
     def twin(self, given: Mapping[str, Any], drive: Any, channels: tuple[str, ...]) -> AnyTwin:
         """The nominal twin of a rig that is measured in `channels`; raises like `built`."""

@@ -72,20 +72,37 @@ class ShaftSpeed:
 
 
 class Tachometer:
-    """The mean of a card's last block by a tachometer on the shaft; taken and asked for like `ShaftSpeed`."""
+    """The mean of a card's last block by a tachometer on the shaft; taken and asked for like `ShaftSpeed`.
+
+    A counter keeps what it timed last: where no pulse has come for longer than two should take, and a shaft
+    that stands sends none, it shows nothing any more.
+    """
 
     def __init__(self, channels: Iterable[Channel], clock: Clock) -> None:
-        self.channel = next((each.name for each in channels if shows_speed(each.name)), None)
+        found = next((each for each in channels if shows_speed(each.name)), None)
+        self.channel = None if found is None else found.name
+        self._rad_per_pulse = found.scale if found is not None and found.raw_unit == "Hz" else None
         self._clock = clock
         self._rpm, self._at_s = math.nan, -math.inf
+        self._last, self._changed_s = math.nan, -math.inf
 
     def take(self, values: NDArray[np.float64]) -> None:
         if len(values):
             self._rpm, self._at_s = float(values.mean()) * RPM_PER_RAD_S, self._clock.monotonic_s()
+            if not np.all(values == self._last):
+                self._changed_s = self._at_s
+            self._last = float(values[-1])
 
     def rpm(self) -> float:
         stale = self._clock.monotonic_s() - self._at_s > STALE_S
-        return math.nan if stale or abs(self._rpm) < STANDS_RPM else self._rpm
+        return math.nan if stale or abs(self._rpm) < STANDS_RPM or self._overdue else self._rpm
+
+    @property
+    def _overdue(self) -> bool:
+        if self._rad_per_pulse is None:
+            return False
+        two_pulses_s = 2 * abs(self._rad_per_pulse) / max(abs(self._last), 1e-9)
+        return self._clock.monotonic_s() - self._changed_s > STALE_S + two_pulses_s
 
 
 class ByAngle:

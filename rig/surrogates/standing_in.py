@@ -45,7 +45,7 @@ def stood_in(
     twin = twin_of(scenario)
     unknown = [
         each.name
-        for each in twin.model.tolerances(twin)
+        for each in twin.model.healthy_spread(twin)
         if each.name not in HONOURED and each.place[0] != "sensors"  # figures are before any sensor
     ]
     if unknown and not settings_only:

@@ -149,7 +149,9 @@ def _shown(sensor: Any, name: str, record: Mapping[str, str]) -> Any:
         counts = tracks * round(chain.number("pulses.decoding") or 0)
         return Encoder(counts, bool(pulses.get("backwards")), zero or 0.0) if counts else None
     scale, largest = scale_of(record, SENSITIVITY, name), scale_of(record, RANGE, name)
-    if sort_of_input(str(chain.told.get("physical", ""))) == "ctr" and not chain.part("pulses"):
+    if sort_of_input(str(chain.told.get("physical", ""))) == "ctr":
+        if each_turn := chain.number("pulses.per_revolution"):
+            return replace(sensor, noise=0.0, pulses=each_turn)
         return replace(sensor, edges=largest) if largest and 0.0 < largest < inf else None
     limit, stages = inf, stages_of(record, name)
     if scale and largest and largest < inf and not chain.part("mark"):

@@ -9,8 +9,9 @@ from math import isclose
 from daq.errors import ConfigurationError, LogError, Problem, UnphysicalParameter
 from daq.log.reader import LogReader
 from rig.files.faults import Faults
+from rig.files.lab_tolerances import in_words, lab_tolerances
 from rig.files.model_file import Identified, ModelFile, as_identified, model_text, parse_model
-from rig.files.scenario import Scenario, parse_scenario, widths_of
+from rig.files.scenario import Scenario, parse_scenario
 from rig.files.table import NOTHING
 from rig.rigs import RIGS
 from rig.twin.alignment import Alignment, reference_among, untouched
@@ -67,9 +68,11 @@ def with_values(twin: AnyTwin, model: ModelFile, scenario: Scenario, warn: Calla
         fault = Problem(f"model.{error.name}", f"{error.value:g}", error.allowed)
         raise ConfigurationError(f"model in {scenario.name}", [fault]) from error
     faults = Faults("model")
-    widths = widths_of(kind, given, model.lab, faults)
+    widths, besides = lab_tolerances(kind, given, {**model.besides, **model.lab}, faults)
     faults.raise_if_any()
-    return replace(twin, rig=rig, widths={**twin.widths, **model.widths, **widths})
+    own = {each.name: each for each in (*twin.besides, *besides)}
+    widths = {**twin.widths, **model.widths, **widths}
+    return replace(twin, rig=rig, widths=widths, besides=tuple(own[name] for name in sorted(own)))
 
 
 def held_values(model: ModelFile, scenario: Scenario) -> dict[str, float]:
@@ -114,8 +117,19 @@ def as_model_text(
     remarks = {each.name: found(each, twin, matched) for each in known}
     lines = [] if before is None else as_identified(before)
     widths = {each.name: twin.widths[each.name] for each in known if each.name in twin.widths}
+    besides = {each.name: in_words(each, each.deviation, digits=6) for each in twin.besides}
     return model_text(
-        twin.model.name, runs, scenarios, nominals, matched, remarks, widths, lines, discrepancies, specimen
+        twin.model.name,
+        runs,
+        scenarios,
+        nominals,
+        matched,
+        remarks,
+        widths,
+        besides,
+        lines,
+        discrepancies,
+        specimen,
     )
 
 

@@ -27,7 +27,7 @@ def twin_of(scenario: Scenario, channels: Iterable[str] = (), chains: Mapping[st
     """
     try:
         twin = RIGS[scenario.rig].twin(scenario.model, scenario.drive, tuple(channels))
-        twin = replace(twin, widths=scenario.widths) if scenario.widths else twin
+        twin = replace(twin, widths=scenario.widths, besides=scenario.besides)
     except UnphysicalParameter as error:
         raise _as_fault(error, scenario) from error
     return with_chains(twin, chains)

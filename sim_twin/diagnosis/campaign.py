@@ -19,7 +19,7 @@ from sim_twin.diagnosis.subject import Draw, Named, Observed
 from sim_twin.ensembles.clean_samples import clean_samples
 from sim_twin.ensembles.simulate import Variant
 from sim_twin.rigs.cycles import Cycles, turning
-from sim_twin.sensors import Encoder, Sensor, SensorChain, counted_edges, source_of
+from sim_twin.sensors import Encoder, PulseTimer, Sensor, SensorChain, counted_edges, source_of
 from sim_twin.stages import Stages, responses
 from sim_twin.twin import AnyTwin
 
@@ -317,6 +317,8 @@ def _through_chain(row: Array, sensor: Sensor, rate: float, quiet: float, noises
         turned *= _response(sensor, len(turned), rate / length)
         noise = np.asarray(fft.irfft(turned, length)[: len(row)] + noise)
     limited = noise if sensor.limit == inf else np.clip(noise, -sensor.limit, sensor.limit)
+    if sensor.pulses is not None:
+        limited = PulseTimer(sensor.pulses, rate)(limited).astype(np.float32)
     shown = limited if sensor.factor == 1 else np.float32(sensor.factor) * limited
     if sensor.edges is None:
         return shown

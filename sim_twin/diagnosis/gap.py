@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from sim_twin.diagnosis.fingerprint import Cell, Layout
 Array = NDArray[np.float64]
 FARTHEST = 40.0
 """In floors; one cell says no more than that."""
+_SAME_BAND = 0.005
+"""Of its ends."""
 _LEAST_UNIT = 0.5
 """Of a floor; a healthy rig lies about one floor away, and few draws may not pretend less."""
 
@@ -64,27 +67,65 @@ class GapMeasure:
         cells, runs = self.cells(blocks), sorted({cell.run for cell in self.layout.cells})
         return [self.total(cells, lambda cell, run=run: cell.run == run) for run in runs]  # type: ignore[misc]
 
-    def between(self, blocks: NDArray[np.floating], one: int, other: int) -> float | None:
-        """Gap of run `one` of a rig from run `other`, less what the twin's runs differ by.
+    def apart(self, blocks: NDArray[np.floating], one: int, other: int) -> dict[str, float]:
+        """How far run `one` of a rig lies from run `other`, less what the twin's runs differ by, in floors.
 
-        None where not the same is looked at in both.
+        By what is looked at in both: of each channel, or two, and figure, in words, rms over its cells.
         """
-        cells = self.layout.cells
-        looked_at = [
-            [(cell.channel, cell.partner, cell.what, cell.size) for cell in cells if cell.run == run]
-            for run in (one, other)
-        ]
-        if looked_at[0] != looked_at[1]:
-            return None
-        owners = np.array([cell.run for cell in self.layout.of_numbers])
+        pairs = _alike(self.layout, one, other)
+        if not pairs:
+            return {}
+        starts = self.layout.starts
+        mine, theirs = (
+            np.concatenate([np.arange(starts[pair[k]], starts[pair[k] + 1]) for pair in pairs])
+            for k in (0, 1)
+        )
         off, moved = np.mean(blocks, axis=0, dtype=np.float64) - self.twin, self.twin.copy()
-        moved[owners == one] += off[owners == one] - off[owners == other]
-        return self.total(self.cells(moved[None]), lambda cell: cell.run == one)
+        moved[mine] += off[mine] - off[theirs]
+        cells = self.cells(moved[None])
+        squares: dict[str, list[float]] = {}
+        for at, _ in pairs:
+            cell = self.layout.cells[at]
+            beside = "" if cell.partner is None else f" with {cell.partner}"
+            squares.setdefault(f"{cell.what} of {cell.channel}{beside}", []).append(float(cells[at]) ** 2)
+        return {what: float(np.sqrt(np.mean(each))) for what, each in squares.items()}
 
     def course(self, blocks: NDArray[np.floating]) -> list[list[float]]:
         """Gap of each run's cells in each of its blocks (n, numbers), (runs, n)."""
         of_blocks = [self.of_runs(block[None]) for block in blocks]
         return [list(each) for each in zip(*of_blocks, strict=True)]
+
+
+@lru_cache(maxsize=64)
+def _alike(layout: Layout, one: int, other: int) -> list[tuple[int, int]]:
+    """Cells of two runs in which the same is looked at, by their positions.
+
+    Bands hang on the frequency that was measured, and may be others where it was a little off.
+    """
+    theirs: dict[tuple[object, ...], list[int]] = {}
+    for at, cell in enumerate(layout.cells):
+        if cell.run == other:
+            theirs.setdefault(_kind(cell), []).append(at)
+    found = []
+    for at, cell in enumerate(layout.cells):
+        if cell.run == one:
+            left = theirs.get(_kind(cell), [])
+            same = next((k for k in left if _same_band(cell.band, layout.cells[k].band)), None)
+            if same is not None:
+                left.remove(same)
+                found.append((at, same))
+    return found
+
+
+def _kind(cell: Cell) -> tuple[object, ...]:
+    phase = None if cell.phase is None else tuple(round(share, 6) for share in cell.phase)
+    return cell.channel, cell.partner, cell.what, cell.size, phase
+
+
+def _same_band(one: tuple[float, float] | None, other: tuple[float, float] | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return all(abs(low / high - 1) < _SAME_BAND for low, high in zip(one, other, strict=True))
 
 
 def _by_cell(apart: Array, layout: Layout) -> Array:

@@ -173,7 +173,7 @@ class RigModel:
         """The tolerances of `twin`, as wide as its lab's rigs have them."""
         return tuple(
             replace(each, deviation=twin.widths.get(each.name, 1.0) * each.deviation)
-            for each in self.tolerances(twin)
+            for each in (*self.tolerances(twin), *twin.besides)
         )
 
     def lasting_tolerances(self, twin: AnyTwin) -> tuple[Tolerance, ...]:

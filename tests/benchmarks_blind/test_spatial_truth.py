@@ -111,6 +111,7 @@ def test_flight_is_of_fourth_order() -> None:
     assert gaps[0] / gaps[1] == pytest.approx(16, rel=0.2)
 
 
+@pytest.mark.long
 def test_universal_joint_holds() -> None:
     rig = replace(OBLIQUE, ripple=Ripple(0.03, 2.0, 0.0))
     y = moved(rig, 1.0, STEP, round(0.1 / STEP)).end

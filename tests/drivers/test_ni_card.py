@@ -306,9 +306,11 @@ def test_rates_of_the_card_are_taken(card_emulator: EmulatedInstrument, divisor:
 
 
 def test_a_range_beyond_the_input_is_refused(card_emulator: EmulatedInstrument) -> None:
-    with pytest.raises(InstrumentRefused, match=r"declaring drive\.force on cDAQ1Mod1/ai0") as caught:
+    told = (
+        r"drive\.force on cDAQ1Mod1/ai0: its range, 251 N, is 5\.02 V, and an input of the NI 9234 takes 5 V"
+    )
+    with pytest.raises(InstrumentRefused, match=told):
         NiDaqCard(card_settings(card_emulator.address, replace(FORCE, range=251.0))).open()
-    assert caught.value.code == "-200077"
 
 
 def test_an_excitation_that_the_card_has_not(card_emulator: EmulatedInstrument) -> None:

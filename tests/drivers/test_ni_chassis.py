@@ -70,6 +70,26 @@ def test_a_device_that_is_no_module_clocks_itself() -> None:
         assert card.read(100).values.shape == (2, 100)
 
 
+def test_a_range_beyond_its_module_is_told_by_name() -> None:
+    wide = [replace(FORCE, range=250.0), replace(VOLTAGE, range=260.0)]
+    with (
+        served(PLANT, wired(FORCE, VOLTAGE), *wide) as card,
+        pytest.raises(InstrumentRefused, match=r"its range, 250 N, is 5\.6 V, and an input") as caught,
+    ):
+        card.open()
+    assert "drive.force on cDAQ1Mod4/ai1: its range, 260 N, is 5.2 V" in str(caught.value)
+    assert "an input of the NI 9234 takes 5 V" in str(caught.value)
+
+
+def test_a_microphone_that_the_card_feeds_is_in_pascals() -> None:
+    heard = CardChannel("room.sound", "cDAQ1Mod1/ai0", "microphone_iepe", 0.05, 100.0, unit="Pa")
+    with opened(PLANT, wired(heard), heard) as card:
+        assert card.read(500).values[0] == pytest.approx(PLANT.rows["x"][:500], abs=1e-3)
+    loud = replace(heard, range=100.01)
+    with served(PLANT, wired(heard), loud) as card, pytest.raises(InstrumentRefused, match="5 V"):
+        card.open()
+
+
 def test_a_rate_a_little_off_is_taken_and_named() -> None:
     with served(PLANT, wired(FORCE), FORCE, rate=25500.0) as card:
         for _ in range(2):

@@ -274,6 +274,35 @@ class EdgeCount:
         return (counts % COUNTER_STATES).astype(np.uint32)
 
 
-def pulse_frequency(wire: CounterWire) -> Measure:
-    """Frequency in Hz of the pulses of a shaft whose speed in rad/s the plant gives."""
-    return lambda speed: np.abs(speed) * (wire.pulses_per_revolution / math.tau)
+class PulseFrequency:
+    """Frequency in Hz of the last two pulses of a shaft whose speed in rad/s the plant gives.
+
+    It stands at a pulse to begin with, and within a sample turns as at its end. Before the next pulse comes
+    the counter is taken to have counted at the same speed already; where none comes any more, it keeps the
+    last.
+    """
+
+    def __init__(self, wire: CounterWire, sample_rate: float) -> None:
+        self._per_rad, self._rate = wire.pulses_per_revolution / math.tau, sample_rate
+        self._beyond = 0.0  # the last pulse, in pulses
+        self._last = -1.0  # when it came, in samples from the next block on
+        self._shown: float | None = None
+
+    def __call__(self, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the counter holds at each sample."""
+        each = np.abs(speed) * (self._per_rad / self._rate)  # pulses in a sample
+        place = self._beyond + np.cumsum(each)
+        whole = np.floor(place + _COUNT_ROUNDING)
+        come = np.diff(whole, prepend=0.0)
+        at = np.flatnonzero(come)
+        times = at - np.maximum(place - whole, 0.0)[at] / each[at]
+        apart = np.diff(times, prepend=self._last)
+        held = np.where(come[at] > 1, each[at], 1.0 / apart) * self._rate
+        begun = each * self._rate if self._shown is None else np.full(len(speed), self._shown)
+        number = np.cumsum(come > 0)
+        shown = np.where(number > 0, np.concatenate([[0.0], held])[number], begun)
+        if len(at):
+            self._last, self._shown = float(times[-1]), float(held[-1])
+        self._last -= len(speed)
+        self._beyond = float(place[-1] - whole[-1])
+        return shown

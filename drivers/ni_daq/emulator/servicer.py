@@ -33,7 +33,7 @@ from nidaqmx.error_codes import DAQmxErrors
 from daq.clock import Clock
 from daq.errors import ConfigurationError, Problem
 from drivers.ni_daq.emulator.acquisition import Acquisition, CounterRun, DriveInbox
-from drivers.ni_daq.emulator.converter import AngleCount, CounterInput, EdgeCount, Measure, pulse_frequency
+from drivers.ni_daq.emulator.converter import AngleCount, CounterInput, EdgeCount, Measure, PulseFrequency
 from drivers.ni_daq.emulator.tasks import (
     READ_BOOL,
     READ_STRING,
@@ -57,6 +57,7 @@ from drivers.ni_daq.emulator.wiring import (
 from drivers.protocols.card import Plant
 
 STANDARD_GRAVITY = 9.80665  # m/s2, in which clients give sensitivities
+HEARING_THRESHOLD_PA = 20e-6  # from which they give decibels
 _DECODINGS = {EncoderType.X_1.value: 1, EncoderType.X_2.value: 2, EncoderType.X_4.value: 4}
 _ESTABLISHED = "01"
 _LEAST_COUNTER_BUFFER = 10_000  # samples
@@ -96,6 +97,11 @@ class DeviceCalls(nidaqmx_pb2_grpc.NiDAQmxServicer):  # type: ignore[misc]
         name = self._device(request.device_name)
         values = {0x0632: self._wiring.serial + list(self._devices).index(name)}  # serial_num
         return messages.GetDeviceAttributeUInt32Response(value=lookup(values, request.attribute_raw))
+
+    def GetDeviceAttributeDoubleArray(self, request: Any, context: Any) -> Any:
+        most_v = self._wiring.range_v(self._device(request.device_name))
+        values = {0x2990: [-most_v, most_v]}  # ai_voltage_rngs
+        return messages.GetDeviceAttributeDoubleArrayResponse(value=lookup(values, request.attribute_raw))
 
     def GetDeviceAttributeBool(self, request: Any, context: Any) -> Any:
         name = self._device(request.device_name)
@@ -207,6 +213,11 @@ class CardServicer(DeviceCalls):
         self._add_iepe(request, per_g if in_g else per_g / STANDARD_GRAVITY)
         return messages.CreateAIAccelChanResponse()
 
+    def CreateAIMicrophoneChan(self, request: Any, context: Any) -> Any:
+        largest_pa = HEARING_THRESHOLD_PA * 10 ** (request.max_snd_press_level / 20)
+        self._add_iepe(request, request.mic_sensitivity * 1e-3, largest_pa)
+        return messages.CreateAIMicrophoneChanResponse()
+
     def CreateTEDSAIForceIEPEChan(self, request: Any, context: Any) -> Any:
         teds = self._sheet(request.physical_channel)
         self._add_iepe(request, teds.volts_per_unit)
@@ -253,7 +264,8 @@ class CardServicer(DeviceCalls):
         return messages.CreateCICountEdgesChanResponse()
 
     def CreateCIFreqChan(self, request: Any, context: Any) -> Any:
-        self._add_counter(request, pulse_frequency, np.float64)
+        task = self._task(request)  # of which the rate is not known yet
+        self._add_counter(request, lambda wire: PulseFrequency(wire, task.sample_rate), np.float64)
         return messages.CreateCIFreqChanResponse()
 
     def CreateDIChan(self, request: Any, context: Any) -> Any:
@@ -421,15 +433,18 @@ class CardServicer(DeviceCalls):
             raise DaqmxError(DAQmxErrors.CHAN_ALREADY_IN_TASK, text)
         task.counter = CounterInput(request.counter, measure, dtype)
 
-    def _add_iepe(self, request: Any, volts_per_unit: float) -> None:
+    def _add_iepe(self, request: Any, volts_per_unit: float, largest: float | None = None) -> None:
         if abs(request.current_excit_val - EXCITATION_A) > 1e-6:
             text = f"excitation of {request.current_excit_val * 1e3:g} mA; the card has 2 mA"
             raise DaqmxError(DAQmxErrors.INVALID_ATTRIBUTE_VALUE, text)
-        self._add(request, volts_per_unit, iepe=True)
+        self._add(request, volts_per_unit, largest, iepe=True)
 
-    def _add(self, request: Any, volts_per_unit: float, iepe: bool = False) -> None:
+    def _add(
+        self, request: Any, volts_per_unit: float, largest: float | None = None, iepe: bool = False
+    ) -> None:
         task = self._task(request)
-        item = Input(request.physical_channel, volts_per_unit, request.max_val, iepe=iepe)
+        maximum = request.max_val if largest is None else largest
+        item = Input(request.physical_channel, volts_per_unit, maximum, iepe=iepe)
         device = item.physical.partition("/")[0]
         if item.physical not in self._devices.get(device, ()):
             text = f"there is no physical channel {item.physical}"

@@ -167,6 +167,11 @@ class CardWiring:
         """What a device says it is."""
         return self.product_type if self.devices()[device] else self.counter_product_type
 
+    def range_v(self, device: str) -> float:
+        """What its inputs take, in V."""
+        inputs = [wire.range_v for name, wire in self.wires.items() if name.startswith(f"{device}/")]
+        return max(inputs, default=Wire("", 1.0).range_v)
+
 
 def spoilt(wiring: CardWiring) -> CardWiring:
     """The wiring with what its faults do to it from the start."""

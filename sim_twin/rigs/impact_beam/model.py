@@ -82,7 +82,13 @@ class ImpactBeam:
     shaker_mass: Annotated[float, Quantity("kg", 0, 10), Bound("kg", 0.0)] = 0.0
     shaker_stiffness: Annotated[float, Quantity("N/m", 0, 1e7), Bound("N/m", 0.0)] = 0.0
     shaker_damping: Annotated[float, Quantity("N s/m", 0, 1e4), Bound("N s/m", 0.0)] = 0.0
-    hertz: Annotated[float | None, Bound("N/m^1.5", 0.0, above=True)] = None
+    hertz: Annotated[
+        float | None,
+        Quantity(
+            "", 1e5, 1e13, key="contact_hertz", means="of curved surfaces, N/m^1.5, for contact_stiffness"
+        ),
+        Bound("N/m^1.5", 0.0, above=True),
+    ] = None
     pivot_friction: Annotated[float, Quantity("N m", 0, 10), Bound("N m", 0.0)] = 0.0
     base: Annotated[BaseMass | FlexibleBase | None, Flat("base_", part=FlexibleBase)] = None
     yoke_frequency: Annotated[float, Quantity("Hz", 10, 20_000), Bound("Hz", 0.0, above=True)] = 700.0

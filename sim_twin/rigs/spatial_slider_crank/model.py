@@ -7,12 +7,14 @@ the positive side of the crank. At angle 90 degrees the crank's axis is y.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from math import pi
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from daq.errors import UnphysicalParameter
-from daq.quantity import Bound, Flat, Key, Quantity, Source, Whole, part_checks
+from daq.quantity import Bound, Flat, Key, Quantity, Source, Whole, part_checks, rule
 from sim_twin.contact import ContactLaw, Friction, linear
 from sim_twin.effects import BaseMass
 from sim_twin.joints.spatial import PrismaticJoint, SphericalJoint
@@ -28,6 +30,8 @@ _PAPER: Final = "Deck and Dubowsky"
 _HALF = "half of the free motion"
 _TABLE_4, _TABLE_5 = Source(f"{_PAPER}, table 4"), Source(f"{_PAPER}, table 5")
 RIGID_ROTATIONS = 2
+_PLATE: Final = 0.56, 0.46, 0.013
+"""Length, width and thickness of the base plate (table 4), m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,15 +141,31 @@ class SpatialSliderCrank:
         )
 
 
+def _on_springs(key: str, model: Mapping[str, Any]) -> bool:
+    return model["base"] == "flexible" or model[key] is None
+
+
 def nominal(
     slider_mass: Annotated[float, Quantity("kg", 0.001, 10)] = 0.35,
     base: Annotated[Literal["rigid", "flexible"], Key()] = "rigid",
+    plate_length: Annotated[float | None, Quantity("mm", 10, 5000, usual=560), _TABLE_4] = None,
+    plate_width: Annotated[float | None, Quantity("mm", 10, 5000, usual=460), _TABLE_4] = None,
+    plate_thickness: Annotated[float | None, Quantity("mm", 0.1, 200, usual=13), _TABLE_4] = None,
 ) -> SpatialSliderCrank:
     """Return the rig of the source; a block of another mass is of another material, inertia goes with it.
 
-    The source's guide stands on a plate that it says nothing of: a flexible base is assumed.
+    How the source's aluminium plate is held it does not say: the mode of a flexible base is assumed. One of
+    other dimensions (m) moves with a mass as l w t, at a frequency as t (1/l^2 + 1/w^2), as of a thin plate
+    that is held at its edges.
     """
-    springs = BaseMass(400.0, 2.0, 0.02) if base == "flexible" else None
+    longer, wider, thicker = (
+        1.0 if given is None else given / own
+        for given, own in zip((plate_length, plate_width, plate_thickness), _PLATE, strict=True)
+    )
+    length, width, _ = _PLATE
+    bending = (longer * length) ** -2 + (wider * width) ** -2
+    times = thicker * bending / (length**-2 + width**-2)
+    springs = BaseMass(times * 400.0, longer * wider * thicker * 2.0, 0.02) if base == "flexible" else None
     block = Slider()
     if slider_mass == block.mass:
         return SpatialSliderCrank(base=springs)
@@ -153,7 +173,18 @@ def nominal(
     return SpatialSliderCrank(slider=Slider(slider_mass, (first, second, third)), base=springs)
 
 
-CHECKS: Final = part_checks(SpatialSliderCrank, "base_", "base", "rigid")
+CHECKS: Final = (
+    *part_checks(SpatialSliderCrank, "base_", "base", "rigid"),
+    *(
+        rule(
+            ("base", key),
+            partial(_on_springs, key),
+            key,
+            'none, or with base = "flexible": a rigid one has no mode',
+        )
+        for key in ("plate_length", "plate_width", "plate_thickness")
+    ),
+)
 
 
 def rig_of_the_figures() -> SpatialSliderCrank:

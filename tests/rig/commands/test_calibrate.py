@@ -13,13 +13,15 @@ import pytest
 
 from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
-from daq.errors import ConfigurationError
+from daq.errors import ConfigurationError, RattleError
 from daq.log.writer import LogWriter
 from rig.diagnosis import calibration
 from rig.diagnosis.calibration import Calibration
+from rig.diagnosis.diagnose_runs import recorded_of
 from rig.diagnosis.recordings import recorded
 from rig.files.model_file import load_model, parse_model
 from rig.files.scenario import parse_scenario
+from rig.session.progress import Screen, Terminal
 from rig.twin.logged import campaign_with_model, carried, with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis.matching import Match
@@ -126,6 +128,28 @@ def test_a_run_with_a_fault_gives_no_model(
     assert not (tmp_path / "model.toml").exists()
 
 
+def test_runs_of_two_rigs_give_no_model(call: Call, reference: Path, tmp_path: Path) -> None:
+    """Whatever lies between them, told before any long work; another run of the same rig is no other rig."""
+    other = record(tmp_path / "other.mcap", 5, f'{SCENARIO}\n[model]\nyoke_frequency = "500 Hz"\n')
+    answer = call("calibrate", reference, other, "-o", tmp_path / "model.toml", "--rigs", 2000)
+    assert answer.code == 1
+    assert "reference.mcap and other.mcap were recorded at one setting and differ in" in answer.err
+    assert "yoke.force" in answer.err
+    assert not (tmp_path / "model.toml").exists()
+
+
+def test_two_runs_of_healthy_rigs_are_calibrated_together(
+    call: Call, reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(*_: object) -> Match:
+        raise RattleError("seen enough")
+
+    monkeypatch.setattr(calibration, "match", ended)
+    other = record(tmp_path / "other.mcap", 9)
+    answer = call("calibrate", reference, other, "-o", tmp_path / "model.toml")
+    assert "seen enough" in answer.err
+
+
 def full_disk(patch: pytest.MonkeyPatch) -> None:
     """Where nothing can be brought to the disk any more."""
 
@@ -228,6 +252,24 @@ def test_a_calibration_of_another_specimen_is_not_used_on_a_scenario(
     assert answer.code == 2
     assert f"{model}:\n  {REFUSED}" in answer.err
     assert not out.exists()
+
+
+def test_a_model_of_which_nobody_can_tell_whose_it_is_is_told(
+    reference: Path, of_beam_7: Path, tmp_path: Path
+) -> None:
+    model, screen = tmp_path / "model.toml", Screen(Terminal())
+
+    def told(run: Path, text: str) -> list[str]:
+        model.write_text(text)
+        remarks = recorded_of([run], model, screen).remarks
+        return [each.partition(":")[0] for each in remarks if "specimen" in each]
+
+    assert told(reference, MODEL) == [f"no specimen is named by {model} and these runs"]
+    assert told(of_beam_7, MODEL) == [f"no specimen is named by {model}"]
+    assert told(reference, OTHER) == ["no specimen is named by these runs"]
+    assert told(of_beam_7, OTHER.replace("beam 3", "beam 7")) == []
+    lab = 'rig = "impact_beam"\nruns = []\nscenarios = []\n[tolerances]\ncontact_stiffness = "8 %"\n'
+    assert told(reference, lab) == []  # which is of many rigs
 
 
 def test_a_calibration_is_used_where_nothing_says_that_it_is_of_another(tmp_path: Path) -> None:

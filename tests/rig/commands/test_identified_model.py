@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from daq.errors import RattleError
 from rig.diagnosis import identify as work
 from rig.diagnosis.identify import Identification, read_for, wide_of
-from rig.diagnosis.one_rig import of_one_rig
+from rig.diagnosis.one_rig import LOOKED_AT_FIRST, of_one_rig, require_alike
 from rig.files.model_file import load_model
 from rig.files.scenario import load_scenario, parse_scenario
 from rig.rigs import RIGS
@@ -55,6 +55,7 @@ def search_at_once(
     last = Round(9, known, np.array([moved]), True, apart)
     monkeypatch.setattr(work, "worker_processes", lambda _: nullcontext(SimpleNamespace(executor=None)))
     monkeypatch.setattr(work, "require_moves", lambda *_: None)
+    monkeypatch.setattr(work, "require_alike", lambda *_: None)
     monkeypatch.setattr(work, "fitted_rounds", lambda *_: [last])
     monkeypatch.setattr(work, "Simulated", lambda *_: simulate)
 
@@ -252,8 +253,8 @@ CELLS, HEALTHY = 20, 48
 PATTERN = 0.5 * np.linspace(-1, 1, SLICES)
 
 
-def gaps_of(*off: float, scenarios: Sequence[str] = ()) -> list[float]:
-    """Of runs that lie so many deviations of healthy rigs off in every cell; a rig is the same in all."""
+def runs_off(*off: float, scenarios: Sequence[str] = ()) -> tuple[Any, Layout, list[NDArray[np.float64]]]:
+    """Runs that lie so many deviations of healthy rigs off in every cell; a rig is the same in all."""
     count, rng = len(off), np.random.default_rng(1)
     own = np.tile(rng.normal(size=(HEALTHY, 1, CELLS, 1)), (1, 1, count, 1))
     blocks = 0.3 * rng.normal(size=(HEALTHY, 2, count * CELLS, 1))
@@ -264,6 +265,11 @@ def gaps_of(*off: float, scenarios: Sequence[str] = ()) -> list[float]:
         paths=[Path(f"run{number}.mcap") for number in range(count)],
         scenarios=scenarios or [SCENARIO] * count,
     )
+    return data, layout, healthy
+
+
+def gaps_of(*off: float, scenarios: Sequence[str] = ()) -> list[float]:
+    data, layout, healthy = runs_off(*off, scenarios=scenarios)
     return of_one_rig(data, gap_measure(healthy, layout), healthy)
 
 
@@ -280,6 +286,31 @@ def test_runs_on_either_side_of_the_values_found_are_of_two_rigs() -> None:
     for gaps in (gaps_of(1.5, 1.5), gaps_of(1.5, -1.5, scenarios=settings)):
         # in units of what healthy rigs scatter, which 48 of them tell to 4 % over all cells; four of these
         assert gaps == pytest.approx([1.5 / np.hypot(1.0, 0.3)] * 2, rel=0.15)
+
+
+def looked_at_first(data: Any, layout: Layout, healthy: Sequence[NDArray[np.float64]]) -> int:
+    """How many rigs are simulated for it."""
+    asked = list[Draw]()
+
+    def shown_by(draws: Sequence[Draw]) -> Sequence[NDArray[np.float64]]:
+        asked.extend(draws)
+        return healthy[: len(draws)]
+
+    require_alike(data, layout, shown_by, 1)
+    return len(asked)
+
+
+def test_two_rigs_at_one_setting_are_refused_before_any_long_work() -> None:
+    with pytest.raises(RattleError, match=r"run0\.mcap and run1\.mcap were recorded at one setting"):
+        looked_at_first(*runs_off(2.5, -2.5))
+    assert looked_at_first(*runs_off(4.0, 4.0)) == LOOKED_AT_FIRST
+    settings = [SCENARIO, SCENARIO.replace("20 Hz", "25 Hz")]
+    assert looked_at_first(*runs_off(2.5, -2.5, scenarios=settings)) == 0
+    data, layout, healthy = runs_off(2.5, -2.5)
+    # a rig whose own blocks lie as far from one another says nothing by that
+    scattered = np.array([8.0, -8.0, 8.0, -8.0])[:, None]
+    data.measured = data.measured + scattered * [cell.run == 0 for cell in layout.of_numbers]
+    assert looked_at_first(data, layout, healthy) == LOOKED_AT_FIRST
 
 
 def test_where_all_runs_lie_far_off_none_of_them_is_another_rigs() -> None:

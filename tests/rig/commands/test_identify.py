@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.errors import ConfigurationError, RattleError
+from daq.errors import ConfigurationError, RattleError, UnphysicalParameter
 from rig import ensembles
 from rig.diagnosis import identify as work
 from rig.diagnosis.identify import (
@@ -32,7 +32,7 @@ from rig.diagnosis.identify import (
     tolerance_of,
     wide_of,
 )
-from rig.diagnosis.recordings import setting_of
+from rig.diagnosis.recordings import RecordedCampaign, setting_of
 from rig.ensembles import Simulated
 from rig.files.model_file import as_identified, load_model, parse_model
 from rig.files.scenario import parse_scenario
@@ -42,7 +42,6 @@ from rig.session.progress import Screen, Terminal
 from rig.twin.logged import with_model
 from rig.twin.scenario_twin import predicted_channels, twin_of
 from sim_twin.diagnosis import identification
-from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.identification import VALUES, Known, Round, nothing_known
 from sim_twin.diagnosis.subject import Draw, Observed
 from tests.rig.commands.cli import Call
@@ -273,6 +272,27 @@ def test_one_of_several_numbers_is_looked_for_and_written_as_a_scenario_has_it()
     assert kind.built(whole.model).slider.pin == (1e-3, 0.0, 2e-3)
 
 
+def test_the_damping_of_one_mode_is_looked_for_by_itself() -> None:
+    kind, scenario = RIGS["impact_beam"], parse_scenario(SCENARIO)
+    setting = setting_of(twin_of(scenario), twin_of(scenario).channels, RATE, 10)
+    wide = wide_of(kind, "mode_damping[3]", scenario.model, setting.twin)
+    assert (wide.centre, wide.deviation) == pytest.approx((0.01, 0.9))
+    campaign = identifying([setting], [scenario], ["mode_damping[3]"])
+    twin = campaign.changed(0, ((VALUES, {"mode_damping[3]": 0.03}),))
+    drawn = [twin.model.draw_healthy(twin, np.random.default_rng(seed)).rig for seed in range(3)]
+    assert {each.modal_damping[2] for each in drawn} == {0.03}
+    assert len({each.modal_damping[3] for each in drawn}) == 3
+    given = parse_scenario(f'{SCENARIO}\n[model]\nmode_damping = [0.02]\n"mode_damping[3]" = "3 %"\n').model
+    assert kind.built(given).modal_damping[:4] == pytest.approx((0.02, 0.01, 0.03, 0.01))
+    few = {"modes": 2, "mode_damping[3]": 0.03}
+    with pytest.raises(UnphysicalParameter, match=r"mode_damping\[3\] = 0.03: one of the 2 that there are"):
+        kind.built(few)
+    two = twin_of(replace(scenario, model={"modes": 2}))
+    with pytest.raises(FieldError, match="a part that the rig has"):
+        wide_of(kind, "mode_damping[3]", {"modes": 2}, two, "0.01..0.05")
+    assert kind.value("mode_damping[3]", {"modes": 2}) is None
+
+
 def test_values_are_looked_for_ten_times_as_far_as_healthy_rigs_lie() -> None:
     kind, scenario = RIGS["planar_slider_crank"], parse_scenario(CRANK)
     twin = twin_of(scenario)
@@ -492,9 +512,8 @@ def test_time_that_runs_out_once_the_values_are_found_is_told_as_such(
     monkeypatch.setattr(work, "require_moves", lambda *_: None)
     monkeypatch.setattr(work, "fitted_rounds", lambda *_: [found])
     monkeypatch.setattr(work, "Simulated", lambda *_: no_time)
-    data: Any = SimpleNamespace(
-        measured=None, told=(), paths=(), scenarios=(CRANK,), campaign=Campaign((setting,))
-    )
+    blocks = np.zeros((1, campaign.layout.size), np.float32)
+    data = RecordedCampaign(campaign, blocks, (), (Path("run.mcap"),), (), (CRANK,), (), (), {}, None)
     with pytest.raises(RattleError, match="time ran out: nothing was written"):
         work.identify(data, wides, campaign, tmp_path / "kept", 0, 10.0, Screen(Terminal()))
 

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from daq.errors import RattleError
+from daq.errors import ConfigurationError, RattleError
 from rig.diagnosis import diagnose_runs as diagnosing
 from rig.diagnosis.lab import lab_text
-from rig.diagnosis.recordings import recorded_alone
+from rig.diagnosis.recordings import recorded, recorded_alone
 from rig.files.model_file import load_model
 from rig.files.scenario import parse_scenario
-from rig.twin.logged import with_model
+from rig.twin.logged import as_model_text, with_model
 from rig.twin.scenario_twin import twin_of
 from sim_twin.diagnosis import campaign as simulating
 from sim_twin.diagnosis.campaign import Campaign
 from sim_twin.diagnosis.spread import Spread
 from sim_twin.diagnosis.subject import Draw
 from sim_twin.ensembles.simulate import Variant
+from sim_twin.healthy import Matched
 from sim_twin.twin import AnyTwin
 from tests.rig.commands.cli import Call
 from tests.rig.commands.test_calibrate import SCENARIO, record
@@ -51,6 +53,46 @@ def test_what_was_learnt_is_used_as_it_is_written(runs: list[Path], tmp_path: Pa
     # and as a scenario's own
     table = text[text.index("\n[tolerances]") :]
     assert parse_scenario(f"{SCENARIO}\n{table}").widths == pytest.approx(twin.widths)
+
+
+def test_what_a_lab_says_besides_is_learnt_and_written_too(runs: list[Path], tmp_path: Path) -> None:
+    besides = '\n[tolerances]\npivot_rotation_stiffness = "10 %"\n'
+    [first, *_] = (recorded_alone(run, 20.0) for run in runs)
+    told = replace(first, scenario=parse_scenario(SCENARIO + besides))
+    names = ("contact_stiffness", "pivot_rotation_stiffness")
+    text = lab_text([told], Spread(names, np.array([2.0, 0.5]), 1.0, np.ones(2), np.ones(3)), ["a.mcap"])
+    assert 'pivot_rotation_stiffness = "5 %"  # was 10 %' in text
+    (tmp_path / "lab.toml").write_text(text)
+    model, scenario = load_model(tmp_path / "lab.toml", "impact_beam"), told.scenario
+    twin = with_model(twin_of(scenario), model, scenario, pytest.fail)
+    [turning] = twin.besides
+    assert turning.deviation == pytest.approx(0.05)
+    # what is written can be read, however far these rigs differ
+    wide = lab_text([told], Spread(names, np.array([9.0, 9.0]), 9.0, np.ones(2), np.ones(3)), ["a.mcap"])
+    assert 'pivot_rotation_stiffness = "30 %"  # was 10 %' in wide
+    [again] = parse_scenario(SCENARIO + wide[wide.index("\n[tolerances]") :]).besides
+    assert again.deviation == pytest.approx(0.3)
+
+
+def test_what_a_lab_says_besides_stays_in_a_calibrated_model(tmp_path: Path) -> None:
+    scenario = parse_scenario(f'{SCENARIO}\n[tolerances]\npivot_rotation_stiffness = "12.5 %"\n')
+    name, path = "pivot_rotation_stiffness", tmp_path / "model.toml"
+    matched = Matched((name,), np.array([2.0]), 0.01 * np.eye(1))
+    path.write_text(as_model_text(twin_of(scenario), matched, ["a.mcap"], ["a"]))
+    plain = parse_scenario(SCENARIO)
+    twin = with_model(twin_of(plain), load_model(path, "impact_beam"), plain, pytest.fail)
+    assert twin.rig.rotation_stiffness == pytest.approx(1.25 * twin_of(plain).rig.rotation_stiffness)
+    drawn = [twin.model.draw_healthy(twin, np.random.default_rng(seed)) for seed in range(200)]
+    stiffness = np.array([each.rig.rotation_stiffness for each in drawn]) / twin.rig.rotation_stiffness
+    # 200 draws know a deviation to 5 %; four of them
+    assert stiffness.std() == pytest.approx(0.0125, rel=0.2)
+
+
+def test_runs_of_a_campaign_say_the_same_of_what_rigs_differ_by(runs: list[Path], tmp_path: Path) -> None:
+    besides = '\n[tolerances]\npivot_rotation_stiffness = "10 %"\n'
+    other = record(tmp_path / "other.mcap", 8, SCENARIO, SCENARIO + besides)
+    with pytest.raises(ConfigurationError, match="tolerances"):
+        recorded([runs[0], other])
 
 
 @pytest.mark.parametrize("command", ["diagnose", "gap"])

@@ -54,7 +54,7 @@ def draw(campaign: WithValues, key: str, value: float, *effects: tuple[str, dict
     ("rig", "doubted", "not_doubted"),
     [
         (BEAM, {"beam_length", "beam_modulus", "drive_position", "yoke_frequency"},
-         {"clearance", "contact_stiffness", "contact_damping", "shaker_mass", "base_length"}),
+         {"clearance", "contact_stiffness", "shaker_mass", "mode_damping[3]", "contact_hertz"}),
         (CRANK, {"crank_length", "rod_mass", "gravity", "incline", "frame_crank_x_mass"},
          {"clearance_1", "clearance_2", "frame_crank_x_frequency", "frame_piston_y_frequency"}),
         (SPATIAL, {"slider_mass", "crank_radius", "rod_diameter", "contact_span", "incline"},

@@ -55,6 +55,7 @@ def test_a_channel_that_no_rig_has_is_of_its_sensor() -> None:
         ("voltage", '"100 mV/g"', '"50 g"', "m/s2", 0.1 / 9.80665, 490.3325),
         ("voltage", '"0.1 V/(N m)"', '"20 N m"', "N m", 0.1, 20.0),
         ("voltage", "0.5", "8", "V", 0.5, 8.0),
+        ("microphone_iepe", '"50 mV/Pa"', '"100 Pa"', "Pa", 0.05, 100.0),
         ("charge_amplifier", '"20 pC/bar"\ngain = "1 mV/pC"', '"250 bar"', "Pa", 2e-7, 2.5e7),
         ("charge_amplifier", '"10 pC/g"\ngain = "1 mV/pC"', '"50 g"', "m/s2", 0.01 / 9.80665, 490.3325),
     ],

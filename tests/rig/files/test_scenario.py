@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from daq.errors import ConfigurationError
 from rig.files.scenario import Limit, Scenario, load_scenario, parse_scenario
-from rig.rigs import unit_of
+from rig.rigs import RIGS, unit_of
 from rig.twin.scenario_twin import twin_of
 from sim_twin.rigs.impact_beam.channels import stations_of
 from tests.rig.files.faulty import only_problem, problems_of
@@ -192,6 +192,31 @@ def test_a_part_of_a_crank_is_there_before_its_keys_are() -> None:
         name = f"model.{key.partition(' ')[0]}"
         assert f"another {word} than rigid" in only_problem(partial(parse_scenario, text), name).allowed
         assert parse_scenario(text.replace(key, f'{key}\n{word} = "flexible"')).rig == rig
+
+
+def test_a_contact_of_curved_surfaces_takes_the_place_of_a_linear_one() -> None:
+    rig = twin_of(parse_scenario(with_model("contact_hertz = 1e10"))).rig
+    assert rig.hertz == 1e10
+    assert (
+        "100000 to 1e+13"
+        in only_problem(
+            lambda: parse_scenario(with_model("contact_hertz = 0")), "model.contact_hertz"
+        ).allowed
+    )
+
+
+def test_another_plate_gives_a_flexible_base_another_mode() -> None:
+    rest = '[drive]\nspeed = "200 rpm"\n[acquisition]\nsample_rate = "25.6 kHz"\nduration = "1 s"\n'
+    kind = RIGS["spatial_slider_crank"]
+    text = f'rig = "spatial_slider_crank"\n[model]\nplate_thickness = "26 mm"\n{rest}'
+    assert "with base = " in only_problem(partial(parse_scenario, text), "model.plate_thickness").allowed
+    thick = parse_scenario(text.replace("plate", 'base = "flexible"\nplate', 1)).model
+    plain = kind.built({"base": "flexible"}).base
+    thicker = kind.built(thick).base
+    assert (thicker.frequency, thicker.mass) == pytest.approx((2 * plain.frequency, 2 * plain.mass))
+    # a plate half as long and half as wide bends at four times the frequency
+    small = kind.built({"base": "flexible", "plate_length": 0.28, "plate_width": 0.23}).base
+    assert (small.frequency, small.mass) == pytest.approx((4 * plain.frequency, plain.mass / 4))
 
 
 def test_every_fault_is_told_at_once() -> None:
@@ -427,12 +452,40 @@ def test_a_note_is_one_line_under_a_plain_key(line: str, key: str) -> None:
         ('contact_stiffness = "8 N/m"', "contact_stiffness", "a standard deviation, 0 to 2.5"),
         ("contact_stiffness = 3", "contact_stiffness", "a standard deviation, 0 to 2.5"),
         ('"yoke.force.time" = "8 %"', '"yoke.force.time"', "a standard deviation, 0 s to 0.0001 s"),
+        ('pivot_rotation_stiffness = "40 %"', "pivot_rotation_stiffness", "a standard deviation, 0 to 0.3"),
+        ('rest_offset = "4 %"', "rest_offset", "a standard deviation, 0 mm to 10 mm"),
+        ('base_mass = "4 %"', "base_mass", "did you mean"),
+        ('pivot_stiffness = "4 %"', "pivot_stiffness", "of a part that the rig has"),
+        ('"beam.thickness" = "1 %"\nbeam_thickness = "2 %"', "beam_thickness", "once: it is beam.thickness"),
     ],
 )
 def test_a_labs_tolerances_are_checked(line: str, key: str, allowed: str) -> None:
     text = f"{with_model('')}\n[tolerances]\n{line}\n"
     problem = only_problem(lambda: parse_scenario(text), f"tolerances.{key}")
     assert allowed in problem.allowed
+
+
+def test_a_lab_says_in_what_else_its_rigs_differ() -> None:
+    lines = 'pivot_rotation_stiffness = "10 %"\nrest_offset = "0.02 mm"\nbeam_thickness = "1 %"'
+    scenario = parse_scenario(f"{with_model('')}\n[tolerances]\n{lines}\n")
+    assert scenario.widths == pytest.approx({"beam.thickness": 1 / 0.3})
+    twin = twin_of(scenario)
+    seeds = np.random.SeedSequence(5).spawn(400)
+    drawn = [twin.model.draw_healthy(twin, np.random.default_rng(seed)) for seed in seeds]
+    # 400 draws know a deviation to 3.5 %; four of them
+    turning = np.array([each.rig.rotation_stiffness for each in drawn])
+    assert turning.std() / twin.rig.rotation_stiffness == pytest.approx(0.1, rel=0.15)
+    resting = np.array([each.rig.rest_offset for each in drawn])
+    assert resting.std() == pytest.approx(0.02e-3, rel=0.15)
+    assert {each.name for each in scenario.besides if each.each_run} == {"rest_offset"}
+
+
+def test_a_tolerance_makes_no_rig_that_cannot_be() -> None:
+    lines = 'rest_offset = "5 mm"'
+    twin = twin_of(parse_scenario(f"{with_model('')}\n[tolerances]\n{lines}\n"))
+    seeds = np.random.SeedSequence(6).spawn(100)
+    drawn = [twin.model.draw_healthy(twin, np.random.default_rng(seed)) for seed in seeds]
+    assert all(abs(each.rig.rest_offset) <= each.rig.clearance for each in drawn)
 
 
 def test_a_labs_tolerances_are_those_of_its_healthy_rigs() -> None:

@@ -61,6 +61,8 @@ def test_a_key_that_another_decides_may_be_given_with_it(rig: str) -> None:
     off = _OFF.findall(text[: text.index("[drive]")])
     assert off
     for key, value, said in off:
+        if value.strip() == "...":  # what no word gives the rig has no default
+            continue
         with_words = re.search(r"with (.*?);", said)
         words = (with_words[1] if with_words else "").replace(", ", "\n")
         model = f"[model]\n{words}\n{key} = {value}\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -225,3 +226,21 @@ def test_a_tachometer_shows_the_mean_of_a_block_and_nothing_of_a_shaft_that_stan
     tachometer.take(np.full(10, 0.1))  # 1 rpm
     assert math.isnan(tachometer.rpm())
     assert Tachometer((FORCE, MARKER), clock).channel is None
+
+
+def test_a_counters_last_pulses_are_no_speed_of_a_shaft_that_stands() -> None:
+    clock = SteppedClock()
+    counts = Channel("motor.tachometer", "rad/s", scale=math.tau / 60, raw_unit="Hz")
+    tachometer, plain = (Tachometer((each,), clock) for each in (counts, replace(counts, raw_unit="V")))
+    speed = 10.0 + 0.001 * np.arange(100)
+    late_s, two_pulses_s = 0.0, 2 * math.tau / 60 / speed[-1]
+    tachometer.take(speed)
+    for _ in range(8):  # its last pulses, in blocks of 0.09 s
+        clock.sleep(0.09)
+        late_s += 0.09
+        for each in (tachometer, plain):
+            each.take(np.full(100, speed[-1]))
+        assert math.isnan(tachometer.rpm()) == (late_s > STALE_S + two_pulses_s)
+        assert plain.rpm() == pytest.approx(speed[-1] * 60 / math.tau)
+    tachometer.take(speed)
+    assert tachometer.rpm() == pytest.approx(speed.mean() * 60 / math.tau)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq.errors import ConfigurationError, LogError
-from drivers.ni_daq.emulator.converter import EdgeCount
+from drivers.ni_daq.emulator.converter import EdgeCount, PulseFrequency
 from drivers.ni_daq.emulator.wiring import CounterWire, ResonanceStage
 from drivers.ni_daq.sensors import MarkPulses
 from rig.emulated_rig import drawn_rig
@@ -22,7 +22,7 @@ from rig.twin.alignment import Alignment, Mounting, reference_among
 from rig.twin.chains import declared_by, mounted, mounting_of, with_chains
 from rig.twin.prediction import AlignedTwin, settling_s
 from rig.twin.scenario_twin import predicted_channels, twin_of
-from sim_twin.sensors import Encoder, SensorChain
+from sim_twin.sensors import Encoder, PulseTimer, SensorChain
 from sim_twin.stages import Stages
 
 RATE = 25_600.0
@@ -33,6 +33,9 @@ BEAM = parse_scenario(
 )
 CRANK = parse_scenario(
     f'name = "crank"\nrig = "planar_slider_crank"\n[drive]\nspeed = "200 rpm"\n{ACQUISITION}'
+)
+SPATIAL = parse_scenario(
+    f'name = "crank"\nrig = "spatial_slider_crank"\n[drive]\nspeed = "200 rpm"\n{ACQUISITION}'
 )
 UPPER = """\
 delay = "1.2 ms"
@@ -136,6 +139,27 @@ def test_a_marker_on_a_counter_is_predicted_as_the_counter_shows_it() -> None:
     reference = reference_among(counted.model.channels, ("crank.marker",), counted)
     # half a sample is 4e-4 rad, and three marks tell the speed
     assert reference.align(predicted, RATE, 0, counted.drive).phase == pytest.approx(1.0, abs=3e-3)
+
+
+@pytest.mark.parametrize("pulses", [1, 60])
+def test_a_tachometer_on_a_counter_is_predicted_as_the_counter_shows_it(pulses: int) -> None:
+    own = f'physical = "cDAQ1Mod3/ctr0"\nkind = "tachometer"\npulses_per_revolution = {pulses}\n'
+    text = embedded_bench("spatial_slider_crank").text
+    old = next(part for part in text.split("[[daq_card.channels]]") if "motor.tachometer" in part)
+    new = f'\nname = "motor.tachometer"\n{own}range = "400 rpm"\n\n'
+    bench = parse_bench(text.replace(old, new), "bench", Path(), "spatial_slider_crank")
+    twin = twin_of(SPATIAL, (), declared_by(bench, RATE))
+    sensor = twin.sensors["motor.tachometer"]
+    assert isinstance(sensor, SensorChain)
+    assert (sensor.pulses, sensor.noise) == (pulses, 0.0)
+    speed = 20.0 + np.sin(np.arange(25_600) / 900.0)
+    shown, timer = PulseFrequency(CounterWire("speed", pulses), RATE)(speed), PulseTimer(pulses, RATE)
+    seen = np.concatenate([timer(part) for part in np.array_split(speed, 7)])
+    settled = slice(round(2 * RATE * 2 * pi / 19.0 / pulses), None)
+    by_card = shown[settled] * 2 * pi / pulses
+    # a pulse may fall into the sample before by one of the two, and their mean of a sample differs
+    assert np.quantile(np.abs(seen[settled] - by_card), 0.98) < 1e-3
+    assert len(np.unique(seen[settled])) <= 4 * pulses  # of 3.2 revolutions
 
 
 def test_a_record_that_cannot_be_read_is_told() -> None:

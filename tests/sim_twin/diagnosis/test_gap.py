@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm, wasserstein_distance
 
-from sim_twin.diagnosis.fingerprint import SLICES, Layout, of_cycles
+from sim_twin.diagnosis.fingerprint import SLICES, Cell, Layout, of_cycles
 from sim_twin.diagnosis.gap import gap_measure, shrink_of
 from sim_twin.diagnosis.space import Moments
 
@@ -50,14 +51,33 @@ def test_two_runs_lie_as_far_apart_as_what_a_rig_shows_otherwise_in_them() -> No
     measure = gap_measure(healthy, layout)
     one = rigs(1, 3)[0]
     other = np.concatenate([one, one + 4.0], axis=1)
-    assert measure.between(healthy[0], 0, 1) == pytest.approx(0.0, abs=1e-9)
+    assert measure.apart(healthy[0], 0, 1) == pytest.approx({"mean of a": 0.0, "mean of b": 0.0}, abs=1e-9)
     # wherever the two lie: as far as a rig that is off by as much from the twin itself
-    off = measure.of_runs((measure.twin + 4.0)[None])
-    assert [measure.between(other, *pair) for pair in ((0, 1), (1, 0))] == pytest.approx(off)
+    off = measure.cells((measure.twin + 4.0)[None]).reshape(2, 2, CELLS // 2)
+    for pair in ((0, 1), (1, 0)):
+        rms = np.sqrt(np.mean(off[pair[0]] ** 2, axis=1))
+        assert [*measure.apart(other, *pair).values()] == pytest.approx(list(rms))
     assert measure.of_runs(other)[0] < 2.0 < measure.of_runs(other)[1]
     assert measure.course(other) == [[measure.of_runs(each[None])[run] for each in other] for run in (0, 1)]
-    fewer = gap_measure([each[:, :-SLICES] for each in healthy], Layout(layout.cells[:-1]))
-    assert fewer.between(other[:, :-SLICES], 0, 1) is None
+
+
+def test_two_runs_are_held_against_each_other_by_what_is_looked_at_in_both() -> None:
+    """Bands begin and end where the measured frequency has them."""
+
+    def of_run(run: int, channel: str, times: float) -> list[Cell]:
+        edges = times * np.array([20.0, 40.0, 80.0])
+        return [of_cycles(run, channel, "energy", (low, high)) for low, high in pairwise(edges.tolist())]
+
+    layout = Layout(
+        (*of_run(0, "a", 1.0), *of_run(0, "b", 1.0), *of_run(1, "a", 1.002), *of_run(1, "b", 1.2))
+    )
+    healthy = np.random.default_rng(1).normal(size=(20, 1, layout.size))
+    measure = gap_measure(list(healthy), layout)
+    assert measure.apart(healthy[0], 0, 1).keys() == {"energy of a"}
+    apart = layout.only(lambda cell: (cell.run, cell.channel) in ((0, "a"), (1, "b")))[0]
+    assert (
+        gap_measure(list(healthy[:, :, : apart.size]), apart).apart(healthy[0, :, : apart.size], 0, 1) == {}
+    )
 
 
 def test_a_cell_is_the_wasserstein_distance_of_its_distributions() -> None:
