@@ -5,7 +5,8 @@ scipy.signal (half a second of processor time, for it loads most of scipy) only 
 
 Analog: true signal -> (second-order Butterworth) -> (declared stages) -> linear-phase anti-alias low-pass
 with no net delay, decimation -> (first-order high-pass) -> gain -> noise -> 24-bit quantisation -> (the
-input's limit) -> (a wrong factor) -> (what a counter shows of it). Skew and anti-alias are one filter.
+input's limit) -> (what a counter times of pulses) -> (a wrong factor) -> (what a counter shows of a mark).
+Skew and anti-alias are one filter.
 """
 
 from __future__ import annotations

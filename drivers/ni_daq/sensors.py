@@ -312,6 +312,17 @@ def _rad_per_pulse(channel: CardChannel) -> float:
     return _pulses(channel).rad_per_count * _pulses(channel).decoding  # one track's pulse: no decoding
 
 
+def _fed_by_the_card(
+    units: Mapping[str, Quantity],
+    declare: Callable[[Any, CardChannel], None],
+    sheet: Callable[[Any, CardChannel], float] | None = None,
+) -> SensorKind:
+    takes = ("corner", *_ANY_INPUT)
+    return SensorKind(
+        AnalogSensor(units, declare, takes=takes, fed=True, in_volts=False, ac_coupled=True, sheet=sheet)
+    )
+
+
 _OWN: Final = {
     "voltage": SensorKind(
         AnalogSensor(
@@ -328,38 +339,9 @@ _OWN: Final = {
             any_unit=True,
         )
     ),
-    "force_iepe": SensorKind(
-        AnalogSensor(
-            FORCE,
-            declare_force_iepe,
-            takes=("corner", *_ANY_INPUT),
-            fed=True,
-            in_volts=False,
-            ac_coupled=True,
-            sheet=force_sheet,
-        )
-    ),
-    "acceleration_iepe": SensorKind(
-        AnalogSensor(
-            ACCELERATION,
-            declare_acceleration_iepe,
-            takes=("corner", *_ANY_INPUT),
-            fed=True,
-            in_volts=False,
-            ac_coupled=True,
-            sheet=acceleration_sheet,
-        )
-    ),
-    "microphone_iepe": SensorKind(
-        AnalogSensor(
-            SOUND,
-            declare_microphone_iepe,
-            takes=("corner", *_ANY_INPUT),
-            fed=True,
-            in_volts=False,
-            ac_coupled=True,
-        )
-    ),
+    "force_iepe": _fed_by_the_card(FORCE, declare_force_iepe, force_sheet),
+    "acceleration_iepe": _fed_by_the_card(ACCELERATION, declare_acceleration_iepe, acceleration_sheet),
+    "microphone_iepe": _fed_by_the_card(SOUND, declare_microphone_iepe),
     "encoder": SensorKind(
         counter=CounterSensor(
             {"rad": None},

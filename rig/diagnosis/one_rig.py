@@ -29,12 +29,10 @@ NOT_THIS_RIG = 2.0
 _LEAST = 0.5
 """Of a healthy block's distance: what scatters by less may differ by as much."""
 _SELDOM = 2.0
-"""Times what two runs of a rig differ by, which something of all that is looked at always does."""
+"""Times what two runs of a rig usually differ by, which of so many figures one always does."""
 _STANDS_OUT = 1.5
 """Times: a run that does not fit lies so much farther off than any other, two runs of different rigs so much
 farther apart than those of any healthy one."""
-
-
 LOOKED_AT_FIRST = 24
 """Healthy rigs by which runs of one setting are held against one another."""
 

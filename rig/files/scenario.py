@@ -63,8 +63,8 @@ class Scenario:
 
     `model` holds what the operator says of the rig, by key of [model]: what is not there is nominal. `drive`
     is what the rig's physics calls its drive. `notes` say what a run was (operator, specimen, whatever a lab
-    calls it), by keys of its own; only whether runs are of one rig depends on them. `widths`
-    and `besides` are those of its twin, of [tolerances].
+    calls it), by keys of its own; only whether runs are of one rig depends on them. `widths` and
+    `besides` are those of its twin, of [tolerances].
     """
 
     name: str

@@ -139,9 +139,9 @@ class RigKind:
         """The nominal rig with what [model] gives; raises UnphysicalParameter for what no rig can have."""
         chosen = given.keys() & signature(self.nominal).parameters.keys()
         rig = self.nominal(**{key: given[key] for key in chosen})
-        return self._with(rig, {key: given[key] for key in given.keys() - chosen})
+        return self._placed(rig, {key: given[key] for key in given.keys() - chosen})
 
-    def _with(self, rig: Any, values: Mapping[str, Any]) -> Any:
+    def _placed(self, rig: Any, values: Mapping[str, Any]) -> Any:
         """A rig with values under keys of its parts."""
         for key, value in values.items():
             *of_list, step = self.model[key].place
@@ -169,7 +169,7 @@ class RigKind:
             parts = {each.name: getattr(after, each.name) for each in fields(after)}
             new = {name: part for name, part in parts.items() if part != getattr(before, name)}
             rig = replace(rig, **new)
-        return self._with(rig, {key: values[key] for key in values.keys() - of_parts})
+        return self._placed(rig, {key: values[key] for key in values.keys() - of_parts})
 
     def twin(self, given: Mapping[str, Any], drive: Any, channels: tuple[str, ...]) -> AnyTwin:
         """The nominal twin of a rig that is measured in `channels`; raises like `built`."""

@@ -97,7 +97,7 @@ class GapMeasure:
 
 
 @lru_cache(maxsize=64)
-def _alike(layout: Layout, one: int, other: int) -> list[tuple[int, int]]:
+def _alike(layout: Layout, one: int, other: int) -> tuple[tuple[int, int], ...]:
     """Cells of two runs in which the same is looked at, by their positions.
 
     Bands hang on the frequency that was measured, and may be others where it was a little off.
@@ -114,7 +114,7 @@ def _alike(layout: Layout, one: int, other: int) -> list[tuple[int, int]]:
             if same is not None:
                 left.remove(same)
                 found.append((at, same))
-    return found
+    return tuple(found)
 
 
 def _kind(cell: Cell) -> tuple[object, ...]:

@@ -152,6 +152,13 @@ def test_a_tachometer_on_a_counter_is_predicted_as_the_counter_shows_it(pulses: 
     sensor = twin.sensors["motor.tachometer"]
     assert isinstance(sensor, SensorChain)
     assert (sensor.pulses, sensor.noise) == (pulses, 0.0)
+    tolerances = {each.name for each in twin.model.healthy_spread(twin)}
+    assert "motor.tachometer.gain" not in tolerances  # pulses have none
+    assert "slider.force_1.gain" in tolerances
+    stream = twin.model.stream(twin, RATE)
+    stream.drive(twin.drive)
+    told = stream.advance(25_600)[twin.channels.index("motor.tachometer")]
+    assert len(np.unique(told[-12_800:])) <= 4 * pulses  # of 1.7 revolutions
     speed = 20.0 + np.sin(np.arange(25_600) / 900.0)
     shown, timer = PulseFrequency(CounterWire("speed", pulses), RATE)(speed), PulseTimer(pulses, RATE)
     seen = np.concatenate([timer(part) for part in np.array_split(speed, 7)])

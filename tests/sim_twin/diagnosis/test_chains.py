@@ -136,3 +136,16 @@ def test_a_constant_survives_unless_a_droop_takes_it() -> None:
     level = np.full(COUNT, 3.0)
     assert at_once(SensorChain(), level) == pytest.approx(level, abs=1e-5)
     assert at_once(SensorChain(droop_corner=1.0), level) == pytest.approx(0 * level, abs=1e-5)
+
+
+def test_pulses_that_a_counter_times_are_timed_before_a_wrong_factor() -> None:
+    speed = 20.0 + np.sin(2 * np.pi * 3 * np.arange(COUNT) / RATE)
+    timed = SensorChain(pulses=4.0, factor=-2.0)
+    [shown] = through_chains(speed[None].astype(np.float32), [timed], RATE, 1.0, np.random.default_rng(1))
+    stream = SensorStream(timed, RATE, None)
+    stream.push(np.repeat(speed, FINE))
+    moved = stream.pull(COUNT - 200)
+    settled = slice(round(0.2 * RATE), COUNT - 200)  # two pulses come in 0.16 s
+    for seen in (shown[settled], moved[settled]):
+        assert len(np.unique(seen)) <= 20.0 / (2 * np.pi) * 4
+        assert np.all((seen > -42.0) & (seen < -38.0))
