@@ -10,8 +10,11 @@ from daq.errors import RecorderFailed
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring the names of its files to the disk; raises OSError."""
-    descriptor = os.open(folder, os.O_RDONLY)
+    """Bring the names of its files to the disk, if one may look into it; raises OSError."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except PermissionError:  # where one may put things and not look
+        return
     try:
         os.fsync(descriptor)
     finally:
@@ -23,8 +26,7 @@ def make_folder(folder: Path) -> None:
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     for made in missing:
-        with suppress(PermissionError):  # a folder where one may put things and not look
-            sync_folder(made.parent)
+        sync_folder(made.parent)
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -48,6 +48,7 @@ class Recorder:
             for name, look in each_s
         ]
         self._failure: RecorderFailed | None = None
+        self._told: RecorderFailed | None = None  # by `close`
         self._writes = True  # until a write has failed
         self._last_words = deque[Callable[[], None]](maxlen=_LAST_WORDS)
         self._begun_s = clock.monotonic_s()
@@ -66,6 +67,8 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if error is not None and error is self._told:
+            return
         try:
             self.close()
         except RecorderFailed as failure:
@@ -112,6 +115,13 @@ class Recorder:
 
     def close(self) -> None:
         """Write what waits, finish the file; raises RecorderFailed if anything was lost."""
+        try:
+            self._finish()
+        except RecorderFailed as failure:
+            self._told = failure
+            raise
+
+    def _finish(self) -> None:
         if self._thread.is_alive():
             try:
                 for write in (*self._last_words, None):

@@ -104,7 +104,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "inverter.busy": Fault("F7", "a `share` of the answers says busy", _TRIED, _SOME),
     "inverter.refuses": Fault(
         "F6", "Modbus exception `code` for the next `count` uses of `register`", _DRIVE_STOPS,
-        {"code": 4.0, "register": 40201.0, "count": 1.0},
+        {"code": 2.0, "register": 40201.0, "count": 1.0},
     ),
     "inverter.forgets": Fault(
         "F9", "a write of `register` is acknowledged and forgotten", _DRIVE_STOPS, {"register": 40014.0}

@@ -34,6 +34,7 @@ _LENGTH = 8
 _CHECKSUM_BYTES = 4
 _CHECKSUM_HEAD = RECORD_HEAD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES)
 _LENGTHS = {CHECKSUM_OPCODE: _CHECKSUM_BYTES, Opcode.FOOTER: 20}
+_FOOTER_HEAD = RECORD_HEAD.pack(Opcode.FOOTER, _LENGTHS[Opcode.FOOTER])
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _WINDOW = 1 << 20
 _NO_RECORD = (ValueError, OverflowError, struct.error, McapError)
@@ -130,6 +131,9 @@ def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tupl
             note(f"it cannot be read at byte {position}: {error.strerror}", position)
             return
         except ValueError as error:
+            if (another := _another_at(descriptor, position)) is not None:
+                note(f"another log begins at byte {another}: nothing from there on is read", another)
+                return
             # it may be the length of the record before that is wrong, and led past whole ones
             record, found = _next_whole_chunk(descriptor, before + 1, size, allowance)
             whole = position == size and opcode == CHECKSUM_OPCODE
@@ -143,6 +147,13 @@ def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tupl
             position = found
         before, position = position, position + len(record)
         yield before, opcode, record
+
+
+def _another_at(descriptor: int, position: int) -> int | None:
+    """Where another file begins, right behind the end of this one or what is left of it, if one does."""
+    if os.pread(descriptor, len(_FOOTER_HEAD), position) == _FOOTER_HEAD:
+        position += _FOOTER_BYTES + len(MCAP0_MAGIC)
+    return position if os.pread(descriptor, len(MCAP0_MAGIC), position) == MCAP0_MAGIC else None
 
 
 def _content(record: bytes) -> ReadDataStream:

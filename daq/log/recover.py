@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -16,7 +16,7 @@ from daq.block import LATEST, NS_PER_S, SampleBlock
 from daq.errors import LogError, RecorderFailed
 from daq.log.codec import decode_block, decode_record
 from daq.log.front import CUT
-from daq.log.reader import LoggedMessage, LogReader, Origin, origin_and_name
+from daq.log.reader import LogReader, Origin, origin_and_name
 from daq.log.records import Gap
 from daq.log.writer import LogWriter
 
@@ -26,8 +26,11 @@ RECOVERED = "recovered"
 _WHOLE_NUMBER = re.compile("[0-9]{1,40}")
 _UNCHECKED, _LEFT_OUT = "unchecked", "left_out"
 """Of its keys."""
-_SOONER = 0.25
-"""Of a block: by so much less than a block after the last one the next was due."""
+_SOONER, _SOONER_S = 0.25, 0.025
+"""Of a block, and s at most: by so much less than a block after the last one the next was due."""
+_AGAIN = (
+    "{topic}: sample {number} comes twice, as where another recording begins: nothing from there on is kept"
+)
 _SAMPLE_TOPICS = tuple(f"/{origin}/" for origin in get_args(Origin))
 _SCHEMA_OF_TOPIC = {"/event": "Event", "/gap": "Gap", "/clock": "Clock", "/impact": "Impact"}
 
@@ -247,13 +250,7 @@ def recover_log(
                     writer.add_metadata(name, record)
                 for topic, schema in topics.items():
                     writer.register(topic, schema, log.topic_metadata()[topic])
-                lost = 0
-                lasts: dict[str, tuple[int, SampleBlock]] = {}  # and when the host had it
-                for message in log.messages(topics, skip_damaged=True):
-                    missing, block = _copy(message, writer)
-                    lost += missing
-                    if block is not None:
-                        lasts[message.topic] = message.log_ns, block
+                lost, lasts = _copied(log, topics, writer)
                 unchecked = 0 if log.sealed else log.check_frame()
                 cause = UNWRITTEN if log.damage == CUT else LOST
                 behind = _due(log, lasts, writer, cause) if log.damage else 0
@@ -290,7 +287,8 @@ def _due(log: LogReader, lasts: Mapping[str, tuple[int, SampleBlock]], writer: L
         # of what is measured at once; a prediction comes later by as much as it likes
         late_s = (max(beside_ns[whose], held_ns[topic]) - log_ns) / NS_PER_S
         size = max(len(block), 1)
-        behind = size * math.floor(late_s * block.sample_rate / size + _SOONER)
+        a_second = block.sample_rate / size
+        behind = size * math.floor(late_s * a_second + min(_SOONER, _SOONER_S * a_second))
         behind = min(behind, LATEST - 1 - block.end_sample)
         if whose and behind > 0 and whose != "derived":  # which come when a cycle ends
             writer.due(whose, name, block.end_sample + behind, log_ns, cause)
@@ -324,14 +322,26 @@ def origin_of_copy(log: LogReader) -> dict[str, dict[str, str]]:
     return {RECOVERED: record} if record else {}
 
 
-def _copy(message: LoggedMessage, writer: LogWriter) -> tuple[int, SampleBlock | None]:
-    """Samples missing before this message of which the log knew nothing, and its own, if it has any."""
-    origin, name = origin_and_name(message.topic)
-    if origin is not None:
-        block = decode_block(name, message.data)
-        return writer.add_encoded_block(origin, block, message.data, message.log_ns, cause=LOST), block
-    if message.topic == "/gap":
-        writer.add_gap(decode_record(Gap, message.data), message.log_ns)
-    else:
-        writer.add_message(message.topic, message.data, message.log_ns, message.publish_ns)
-    return 0, None
+def _copied(
+    log: LogReader, topics: Collection[str], writer: LogWriter
+) -> tuple[int, dict[str, tuple[int, SampleBlock]]]:
+    """Samples that are missing in between of which the log knew nothing, and of each topic the last block.
+
+    With when the host had that.
+    """
+    lost, lasts = 0, dict[str, tuple[int, SampleBlock]]()
+    for message in log.messages(topics, skip_damaged=True):
+        origin, name = origin_and_name(message.topic)
+        if message.topic == "/gap":
+            writer.add_gap(decode_record(Gap, message.data), message.log_ns)
+        elif origin is None:
+            writer.add_message(message.topic, message.data, message.log_ns, message.publish_ns)
+        else:
+            block = decode_block(name, message.data)
+            if writer.comes_again(message.topic, block):
+                if log.damage in ("", CUT):
+                    log.damage = _AGAIN.format(topic=message.topic, number=block.first_sample)
+                break
+            lost += writer.add_encoded_block(origin, block, message.data, message.log_ns, cause=LOST)
+            lasts[message.topic] = message.log_ns, block
+    return lost, lasts

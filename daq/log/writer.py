@@ -128,7 +128,7 @@ class LogWriter:
         """
         topic = f"/{origin}/{block.channel}"
         expected = self._next_sample.get(topic, 0)
-        if block.first_sample < expected:
+        if self.comes_again(topic, block):
             raise RecorderFailed(f"{topic}: sample {block.first_sample} comes twice (next is {expected})")
         self._placed[topic] = block.first_sample, block.time_ns, block.sample_rate
         untold = self._untold(topic, block.first_sample) if record_gap else []
@@ -142,6 +142,10 @@ class LogWriter:
         self.add_message(topic, data, host_ns, block.time_ns)
         self._next_sample[topic] = block.end_sample
         return sum(end - first for first, end in untold)
+
+    def comes_again(self, topic: str, block: SampleBlock) -> bool:
+        """Whether samples of a block have come already."""
+        return block.first_sample < self._next_sample.get(topic, 0)
 
     def add_event(self, event: Event) -> None:
         self._record("/event", "Event", event, event.time_ns)

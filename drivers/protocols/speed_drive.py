@@ -55,7 +55,7 @@ class SpeedDrive(Instrument, Protocol):
 
     @property
     def busy(self) -> bool:
-        """Whether it is at what a caller waits for; always, where that cannot be told from one that hangs."""
+        """Whether what a caller waits for goes on; not where it hangs, as far as that can be told."""
 
     def ramp_s(self, from_rpm: float, to_rpm: float) -> float:
         """Return the time in s that its ramp takes from one speed to another; known after `open`."""

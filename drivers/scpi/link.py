@@ -46,6 +46,7 @@ class ScpiLink:
         self._visa: MessageBasedResource | None = None
         self._answer_pending = False
         self.identity = ""
+        self.answered_s = -math.inf  # when it did last, monotonic
         self._owed = 0  # answers with it that were asked for and have not come
         self._turn = threading.RLock()
 
@@ -110,7 +111,8 @@ class ScpiLink:
     def write_at_once(self, command: str) -> None:
         """Send one without an answer; by a socket also past another thread that hangs in an exchange.
 
-        It is sent once more when that thread has done: it may have said the contrary. Raises `DeviceLost`.
+        It is sent once more when that thread has done: it may have said the contrary. Raises `DeviceLost`,
+        and `InstrumentSilent` where that thread is not done in time.
         """
         if not self._turn.acquire(timeout=_TURN_S):
             if (visa := self._visa) is None:
@@ -118,7 +120,7 @@ class ScpiLink:
             with suppress(*_FOREIGN):
                 if (stream := _socket(visa)) is not None:  # begins with the end of what may be half sent
                     stream.send(f"\n{command}\n".encode("ascii"), socket.MSG_DONTWAIT)
-            self._turn.acquire()
+            self._take_turn(command)
         try:
             self.write(command)
         finally:
@@ -137,6 +139,7 @@ class ScpiLink:
 
     def _answer(self, visa: MessageBasedResource, command: str) -> str:
         answer = visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
+        self.answered_s = time.monotonic()
         self._answer_pending = not answer.endswith(b"\n")
         if self._answer_pending:
             what = f"its answer to {command} is longer than {LONGEST_ANSWER} bytes"
@@ -177,7 +180,7 @@ class ScpiLink:
         visa = self._visa
         if visa is None:
             raise self._lost("the connection is closed")
-        self._turn.acquire()
+        self._take_turn(command)
         try:
             if _closed_by_peer(visa):
                 raise self._lost("it closed the connection")
@@ -199,6 +202,12 @@ class ScpiLink:
             raise self._lost(str(error)) from error
         finally:
             self._turn.release()
+
+    def _take_turn(self, command: str) -> None:
+        """Wait for as long as another thread's exchange may take: discard, await the identity, an answer."""
+        if not self._turn.acquire(timeout=2 * (DRAIN_S + self.timeout_s)):
+            what = f"{command} was not sent: another exchange with it hangs"
+            raise InstrumentSilent(self.instrument, self.resource, what, "its interface and cable")
 
     def _absent(self, why: str) -> InstrumentAbsent:
         check = "cable, power and the resource string in the bench file"

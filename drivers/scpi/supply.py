@@ -20,6 +20,8 @@ _LOOKS = tuple(
     look for each in _SELDOM for look in (OUTPUT_ON.command, n6900.MEASURED_V, n6900.TROUBLE, each)
 )
 """One exchange a look: two might take longer than a sequence may look at nothing else."""
+_JUST_NOW_S = 0.1
+"""Who guards a run looks more often."""
 
 
 class ScpiSupply(ScpiSource):
@@ -30,7 +32,6 @@ class ScpiSupply(ScpiSource):
     """
 
     warnings: tuple[str, ...] = ()
-    busy = True
 
     def __init__(self, config: SupplySettings, off_first: bool = False, clock: Clock | None = None) -> None:
         super().__init__(config, _LOOKS, off_first)
@@ -43,6 +44,11 @@ class ScpiSupply(ScpiSource):
     @property
     def step_rpm(self) -> float:
         return n6900.RESOLUTION_V * self.config.rpm_per_volt
+
+    @property
+    def busy(self) -> bool:
+        """Whether it has answered just now: an order is several exchanges, each of which has its time."""
+        return time.monotonic() - self._link.answered_s < _JUST_NOW_S
 
     @property
     def longest_stop_s(self) -> float:

@@ -12,7 +12,7 @@ from daq.clock import Clock, SystemClock
 from daq.errors import InstrumentRefused, InterlockTripped
 from daq.log.records import ClockRecord
 from daq.time_base.clocks import CardClock
-from drivers.manual.actuator import ManualActuator
+from drivers.manual.actuator import REST, STOP, ManualActuator
 from drivers.protocols.instrument import Notice
 from rig.session.interlock import BEYOND_BENCH, HUNG_S, OVERSPEED_S, Debounced, ForceWatch
 from rig.session.shaft_speed import RPM_PER_RAD_S, STANDS_RPM
@@ -245,7 +245,7 @@ class ByHand:
         seen, self._moved = self._seen, True
         words = f"BY HAND: {seen.words(drive)}"
         self._note("manual.asked", seen.words(drive))
-        self._person.ask(f"{words}; the run then goes on by itself", "set", *seen.order(drive))
+        self._ask(f"{words}; the run then goes on by itself", "set", *seen.order(drive))
         held_s, waited_s, told = 0.0, 0.0, ""
         while held_s < HELD_S:
             if waited_s > self._person.settings.patience_s:
@@ -257,8 +257,18 @@ class ByHand:
             held_s = held_s + _STEP_S if seen.is_set(drive) else 0.0
             if held_s == 0.0 and waited_s % _TELL_S < _STEP_S and (now := seen.told()) != told:
                 told = now
-                self._person.ask(f"{words}; measured: {now}", "shows", *seen.shown())
+                self._ask(f"{words}; measured: {now}", "shows", *seen.shown())
         self._note("manual.set", f"measured: {seen.told()}")
+
+    def _ask(self, words: str, *order: object) -> None:
+        """Unless rest was asked for; where that came meanwhile, by another thread, it has the last word."""
+        asked = not self._asked_to_rest.locked()
+        if asked:
+            self._person.ask(words, *order)
+        if self._asked_to_rest.locked():
+            if asked:
+                self._person.ask(STOP, REST)
+            raise self._refused("it is to rest by now", "")
 
     def _note(self, code: str, text: str) -> None:
         self._notices.append(Notice(self._clock.monotonic_s(), "info", code, text))

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from itertools import pairwise
 from multiprocessing.connection import Connection
+from pathlib import Path
 from types import TracebackType
 
 from daq.clock import SystemClock
@@ -29,7 +30,8 @@ LET_GO_S = 4.0
 _HURRY_S = 0.06
 """How long a sign of life counts with a generator once the emergency stop is seen: three of the guard's."""
 _START_S = 30.0  # a new interpreter that loads a driver, on a busy machine
-_AGAIN_S, _ANSWER_S = 1.0, 2.0  # between two tries to switch off; what the run waits for `go_on`
+_SOON_S, _AGAIN_S = 0.1, 1.0  # between two tries to switch off
+_ANSWER_S = 2.0  # what the run waits for `go_on`
 _LEAVES_S = 2.0  # what it waits for it to end
 _SLEPT_S = 0.05
 """Later than so by itself, this process was not let run: nor was the one that it watches."""
@@ -67,10 +69,11 @@ class Supervisor:
     """Brings the drive to rest when this process dies or `beat` stays away for 0.5 s.
 
     `spare` makes a second driver of the same actuator, which switches it off by a connection of its own, for
-    as long as it takes, and holds `locks` meanwhile; it must be picklable. It does so once with an `emulated`
-    actuator, which ends with its run, and with a person who drives `by_hand` and has been asked then. Where
-    it is None no second one can be opened: then the supervisor ends a run that hangs for 4 s, so that nothing
-    keeps the actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
+    as long as it takes, and holds `locks` meanwhile; it must be picklable. Where that fails, a run that is
+    held still is ended: it may hold the only connection. It does so once with an `emulated` actuator, which
+    ends with its run, and with a person who drives `by_hand` and has been asked then. Where it is None no
+    second one can be opened: then the supervisor ends a run that hangs for 4 s, so that nothing keeps the
+    actuator's own watchdog quiet, which does the rest (docs/decisions/0008).
 
     It reads the emergency stop's `line` on the card, picklable too, tells it as `emergency_stop` and sets the
     `latch`. A spare that may speak beside the run says its off `at_once`. Without one, or where it fails, it
@@ -266,7 +269,7 @@ def _supervise(
                 if os.fork() > 0:  # the run waits for its child and ends it, which that one is not
                     return
                 apart = True
-            _switch_off_for_good(pipe, spare, locks, failed, told=why == _OFF, apart=apart)
+            _switch_off_for_good(pipe, spare, locks, failed, told=why == _OFF, apart=apart, run=run)
             os._exit(0)
 
 
@@ -277,9 +280,10 @@ def _switch_off_for_good(
     failed: str,
     told: bool,
     apart: bool,
+    run: int,
 ) -> None:
     """`failed`: what went wrong, if not the run. `apart`: in a process without other threads, that no run
-    which lives still ends.
+    which lives still ends. `run`: its process.
     """
     if apart:
         # nothing of the run's is kept open: processes that it left wait for that, with what it writes to
@@ -289,6 +293,9 @@ def _switch_off_for_good(
         with suppress(OSError):
             pipe.send(str(os.getpid()))
     if not switch_off(spare):
+        if _is_stopped(run):
+            with suppress(OSError):
+                os.kill(run, signal.SIGKILL)
         # whoever reads what the run writes, or would end this, is not to wait for it
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         words = "" if told else failed or _GOES_ON.format(process=os.getpid())
@@ -297,8 +304,10 @@ def _switch_off_for_good(
         for lock in locks:
             with suppress(OSError):
                 lock.sign(", which goes on switching off a drive that does not answer,")
+        wait_s = _SOON_S  # one that was ended lets go within a moment
         while not switch_off(spare):  # nobody else is left to try again
-            time.sleep(_AGAIN_S)
+            time.sleep(wait_s)
+            wait_s = _AGAIN_S
         told = False
     for lock in locks:
         lock.close()
@@ -306,6 +315,13 @@ def _switch_off_for_good(
         pipe.send(_TRIPPED)
     if not told:
         _say(failed or _IS_OFF)
+
+
+def _is_stopped(process: int) -> bool:
+    """Whether it is held still, as by Ctrl-Z: then it lets go of no connection."""
+    with suppress(OSError):
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
+    return False
 
 
 def _say_and_let_go(text: str) -> None:

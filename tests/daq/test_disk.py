@@ -10,6 +10,8 @@ import pytest
 
 from daq.disk import make_folder, write_whole
 from daq.errors import RecorderFailed
+from daq.log.reader import LogReader
+from daq.log.writer import LogWriter
 
 
 @pytest.mark.parametrize(
@@ -61,3 +63,23 @@ def test_the_name_of_each_folder_that_is_made_comes_to_the_disk(
     assert synced == [str(tmp_path / "lab"), str(tmp_path)]
     make_folder(tmp_path / "lab" / "runs")
     assert len(synced) == 2
+
+
+def test_a_folder_into_which_one_may_not_look_takes_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = os.open
+
+    def open_no_folder(path: object, flags: int, *more: int) -> int:
+        if path == tmp_path and flags == os.O_RDONLY:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return real(path, flags, *more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(os, "open", open_no_folder)
+    write_whole(tmp_path / "sweep.json", b"new")
+    assert (tmp_path / "sweep.json").read_bytes() == b"new"
+    with LogWriter(tmp_path / "log.mcap") as log:
+        log.add_metadata("scenario", {"toml": "x = 1"})
+        log.sync()
+    with LogReader(tmp_path / "log.mcap") as saved:
+        assert saved.complete

@@ -577,6 +577,30 @@ def test_a_disk_that_failed_to_sync_once_is_believed_no_more(
         assert log.series("measured", "a").end_sample == BLOCK
 
 
+@pytest.mark.parametrize("by_whom", ["itself", "a run"])
+def test_a_failure_that_closing_told_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, by_whom: str
+) -> None:
+    """Of what was still waiting, such as at the end of a run: nothing is handed over after it."""
+    recorder = Recorder(LogWriter(tmp_path / "log.mcap"), SystemClock())
+
+    def fails(*_: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    def record() -> None:
+        with recorder:
+            recorder.declare("measured", Channel("a", "N"))
+            monkeypatch.setattr(LogWriter, "add_block", fails)
+            recorder.block("measured", block(0))
+            if by_whom == "a run":
+                recorder.close()
+
+    with pytest.raises(RecorderFailed, match="Input/output error") as ending:
+        record()
+    assert str(ending.value).count("Input/output error") == 1
+    assert not hasattr(ending.value, "__notes__")
+
+
 def record_until_it_fails(path: Path) -> tuple[int, list[str]]:
     """How many blocks were taken, and every error that was raised."""
     taken, failed = 0, list[str]()

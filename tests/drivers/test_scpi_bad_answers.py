@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -258,8 +259,8 @@ def test_a_late_answer_is_not_taken_for_the_next_whoever_asks_between() -> None:
 
             lock, asked = link._turn, False
 
-            def acquire(self) -> bool:
-                return self.lock.acquire()
+            def acquire(self, timeout: float) -> bool:
+                return self.lock.acquire(timeout=timeout)
 
             def release(self) -> None:
                 self.lock.release()
@@ -274,6 +275,42 @@ def test_a_late_answer_is_not_taken_for_the_next_whoever_asks_between() -> None:
             link.write("X")
             assert link.query("C?") == "c"
         finally:
+            link.close()
+
+
+@pytest.mark.parametrize("say", [ScpiLink.write_at_once, ScpiLink.query])
+def test_an_exchange_that_hangs_keeps_nobody_for_ever(
+    monkeypatch: pytest.MonkeyPatch, say: Callable[[ScpiLink, str], object]
+) -> None:
+    """As where a library never returns: whoever is to switch off goes on to the next that may."""
+    monkeypatch.setattr("drivers.scpi.link.DRAIN_S", 0.1)
+    heard = list[str]()
+
+    def instrument_says(line: str) -> bytes:
+        heard.append(line)
+        return b""
+
+    with ScriptedInstrument(instrument_says) as instrument:
+        link = ScpiLink("generator", instrument.resource, timeout_s=0.1)
+        link.open()
+        held, over = threading.Event(), threading.Event()
+
+        def hang() -> None:
+            with link._turn:
+                held.set()
+                over.wait(30.0)
+
+        thread = threading.Thread(target=hang)
+        thread.start()
+        assert held.wait(5.0)
+        try:
+            with pytest.raises(InstrumentSilent, match="not sent: another exchange with it hangs"):
+                say(link, "OUTP OFF")
+            if say is ScpiLink.write_at_once:  # past it all the same
+                await_true("it is heard", lambda: "OUTP OFF" in heard)
+        finally:
+            over.set()
+            thread.join()
             link.close()
 
 

@@ -11,12 +11,12 @@ from multiprocessing.connection import Connection
 
 import pytest
 
-from daq.errors import InstrumentAbsent, InstrumentRefused
+from daq.errors import InstrumentAbsent, InstrumentRefused, InstrumentSilent
 from drivers.protocols.speed_drive import MotorOutput, SpeedDrive
 from drivers.scpi.emulator.keysight_n6900 import LSB_V, EmulatedN6900
 from drivers.scpi.emulator.process import SourceSetup, start_dc_supply
 from drivers.scpi.supply import ScpiSupply
-from drivers.scpi.supply_settings import SupplySettings, Trouble
+from drivers.scpi.supply_settings import MEASURED_V, SupplySettings, Trouble
 from tests.drivers.scripted import ScriptedInstrument
 
 RPM_PER_VOLT, HIGHEST_RPM, RAMP_S = 5.0, 350.0, 0.5
@@ -104,6 +104,17 @@ def test_its_state_is_what_it_measures(supply: Supply) -> None:
     looked(driver, 4)
     assert driver.state is not None
     assert driver.state.speed_rpm == pytest.approx(200.0, abs=LSB_V * RPM_PER_VOLT)
+
+
+def test_it_is_at_an_order_while_it_answers_and_not_while_it_hangs(supply: Supply) -> None:
+    """Who guards a run gives an order as long as that; one that hangs is no order that goes on."""
+    driver, behind, _ = supply
+    started(driver)
+    assert driver.busy
+    behind.wrong[MEASURED_V] = b""
+    with pytest.raises(InstrumentSilent):
+        driver.read()
+    assert not driver.busy
 
 
 def test_a_look_is_one_exchange_and_the_output_is_looked_at_every_fourth_time(supply: Supply) -> None:

@@ -25,6 +25,8 @@ SHAFT = {f"daq_card.{kind}" for kind in ("rolls_over", "marks_missing", "marks_d
 COMES_S = {"daq_card": 3.0, "signal_generator": 2.0, "disk": 0.5}
 """After the first use of an instrument, within the record of a beam."""
 STOP_LINES = {"daq_card": "cDAQ1Mod4/port0/line0", "inverter": "inverter/RH"}
+SELDOM, SURELY_SOME = 0.01, 0.05
+"""Shares of an instrument's answers; of more than a hundred in a run one is spoilt by the latter."""
 ON_A_CRANK_S, ON_A_SUPPLY_S = 4.5, 13.0
 """Up to speed, and trimmed: what is turned on a supply before that is set anew by the next trim."""
 
@@ -36,6 +38,8 @@ def played(fault: Rehearsed, folder: Path) -> tuple[Path, Path]:
     if not FAULTS[fault.name].at_start:
         on_a_crank_s = ON_A_SUPPLY_S if fault.table == "dc_supply" else ON_A_CRANK_S
         text += f"@{on_a_crank_s if crank else COMES_S[fault.table]:g}"
+    if FAULTS[fault.name].values.get("share") == SELDOM:
+        text += f":share={SURELY_SOME}"
     if "channel" in fault.known and not crank:
         text += ":channel=yoke.force"  # with a supply of its own, and nothing is driven by it
     tables = [fault.table] if fault.table in ("dc_supply", "encoder") else []
@@ -85,3 +89,4 @@ def test_it_ends_as_the_table_says_and_every_sample_is_accounted_for(name: str, 
     for code in re.findall(r"`([a-z][^`]*)`", seen):
         assert any(each.startswith(code.removesuffix("...")) for each in codes), (code, codes)
     assert flagged or "flag" not in seen
+    assert re.search(r"[1-9]\d* (marks missing|edges rejected)", said) or "told of at the end" not in seen

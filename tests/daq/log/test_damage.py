@@ -260,6 +260,30 @@ def test_a_flip_behind_the_data_is_no_sound_log(ramp: Path, tmp_path: Path) -> N
             assert sum(len(block) for _, block in log.blocks()) == 2 * 20 * BLOCK
 
 
+@pytest.mark.parametrize("cut", [0, 1, 40])
+@pytest.mark.parametrize("crashed", [False, True])
+def test_of_two_recordings_in_one_file_the_first_is_saved(tmp_path: Path, crashed: bool, cut: int) -> None:
+    """As `cat` leaves them; the first finished or not, whole or short of some bytes."""
+    first = write_ramp(tmp_path / "first.mcap", blocks=20)
+    second = write_ramp(tmp_path / "second.mcap", blocks=30, scenario='name = "another"')
+    whole = first.read_bytes()
+    head = whole[: data_end(first)] if crashed else whole
+    both = tmp_path / "both.mcap"
+    both.write_bytes(head[: len(head) - cut] + second.read_bytes())
+    assert not verify_log(both).sound
+    report = recover_log(both, tmp_path / "recovered.mcap")
+    assert report.sound
+    assert not report.whole
+    with LogReader(first) as one, LogReader(tmp_path / "recovered.mcap") as saved:
+        assert saved.scenario == 'name = "ramp"'
+        for name in ("a", "b"):
+            held = saved.series("measured", name).values
+            kept = len(held) if crashed and cut else 20 * BLOCK  # its last chunk is damaged then
+            assert kept >= 10 * BLOCK
+            np.testing.assert_array_equal(held[:kept], one.series("measured", name).values[:kept])
+            assert len(held) == kept
+
+
 @pytest.mark.parametrize(
     ("gap", "unaccounted"),
     [

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from daq.block import NS_PER_S
+from daq.block import NS_PER_S, SampleBlock
 from daq.channel import Channel
 from daq.log.front import CUT, read_summary
 from daq.log.reader import LogReader
@@ -156,3 +157,21 @@ def test_a_log_that_lacks_nothing_gets_no_gap(tmp_path: Path) -> None:
     recover_log(path, tmp_path / "recovered.mcap")
     assert gaps_of(tmp_path / "recovered.mcap") == []
     assert replace(verify_log(path), path=tmp_path).ledger_missing == 0
+
+
+@pytest.mark.parametrize(("later", "missing"), [(8, 0), (10, 1)])
+def test_a_slow_channel_lacks_no_sample_that_was_not_due(tmp_path: Path, later: int, missing: int) -> None:
+    """Once a second, and last so many blocks of 0.1 s before the log was cut."""
+    path = tmp_path / "log.mcap"
+    with LogWriter(path) as log:
+        for name in ("a", "slow"):
+            log.declare("measured", Channel(name, "N"))
+        for number in range(10 + later):
+            log.add_block("measured", block(number), host_ns(block(number)))
+            if number == 9:
+                once = SampleBlock("slow", 0, START_NS, 1.0, np.zeros(1, np.float32))
+                log.add_block("measured", once, host_ns(block(number)))
+    path.write_bytes(path.read_bytes()[:-40])
+    recover_log(path, tmp_path / "recovered.mcap")
+    expected = [("measured", "slow", 1, missing, UNWRITTEN)] if missing else []
+    assert gaps_of(tmp_path / "recovered.mcap") == expected

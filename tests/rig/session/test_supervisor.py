@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import multiprocessing
 import os
 import re
 import signal
@@ -460,6 +462,47 @@ def test_where_a_second_connection_would_garble_the_off_of_the_first_it_waits_as
         (tmp_path / "pressed").touch()
         await_true("switched off", (tmp_path / "off").exists)
         assert SILENCE_S - 0.1 < time.monotonic() - pressed_s < SILENCE_S + 0.4
+
+
+class SoleGenerator(FarGenerator):
+    """Has one user at a time, as on USB: whoever holds the lock on the file `interface`."""
+
+    def open(self) -> None:
+        self._held = (self._folder / "interface").open("w")
+        try:
+            fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InstrumentAbsent(self.name, self.address, "it is in use") from None
+
+
+def drive_by_it(folder: Path) -> None:
+    """A run that drives by it."""
+    generator = SoleGenerator(folder)
+    generator.open()
+    supervisor = Supervisor(partial(SoleGenerator, folder))
+    supervisor.launch()
+    with supervisor:
+        (folder / "drives").touch()
+        while True:
+            supervisor.beat()
+            time.sleep(0.02)
+
+
+def test_a_run_that_is_stopped_with_the_one_connection_of_a_drive_is_ended(tmp_path: Path) -> None:
+    run = multiprocessing.get_context("spawn").Process(target=drive_by_it, args=(tmp_path,))
+    run.start()
+    try:
+        await_true("it drives", (tmp_path / "drives").exists)
+        assert run.pid is not None
+        os.kill(run.pid, signal.SIGSTOP)
+        stopped_s = time.monotonic()
+        await_true("switched off", (tmp_path / "off").exists)
+        assert time.monotonic() - stopped_s < SILENCE_S + 0.4
+        run.join(5.0)
+        assert run.exitcode == -signal.SIGKILL
+    finally:
+        run.kill()
+        run.join()
 
 
 @pytest.mark.parametrize("before", ["it is up", "the first sign of life"])
