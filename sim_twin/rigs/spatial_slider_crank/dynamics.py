@@ -8,8 +8,6 @@ The rod's own deflection is linear (no foreshortening); its cross-sections spin 
 
 from __future__ import annotations
 
-from math import sqrt
-
 from sim_twin.compiled import mechanical
 from sim_twin.joints.vectors import Vector, added, cross, dot, inward, scaled, subtracted
 from sim_twin.rigs.spatial_slider_crank.constants import RIGID, Array, Constants
@@ -160,20 +158,25 @@ def _add_slider_matrix(
 
 @mechanical
 def solve(A: Array) -> None:
-    """Solve the eight equations by Cholesky's method; the accelerations replace the last row of `A`."""
-    for j in range(8):
-        pivot = A[j, j]
-        for k in range(j):
-            pivot -= A[j, k] * A[j, k]
-        inverse = 1.0 / sqrt(pivot)
-        A[j, j] = inverse
-        for i in range(j + 1, 9):
+    """Solve the eight equations by L D L^T; the accelerations replace the last row of `A`.
+
+    Below the diagonal stays L D, above it comes L, on it the inverse of D.
+    """
+    for j in range(3):  # nothing couples the pin's three accelerations
+        A[j, j] = 1.0 / A[j, j]
+        for i in range(3, 8):
+            A[j, i] = A[i, j] * A[j, j]
+    for j in range(3, 8):
+        for i in range(j, 9):
             total = A[i, j]
             for k in range(j):
-                total -= A[i, k] * A[j, k]
-            A[i, j] = total * inverse
+                total -= A[i, k] * A[k, j]
+            A[i, j] = total
+        A[j, j] = 1.0 / A[j, j]
+        for i in range(j + 1, 8):
+            A[j, i] = A[i, j] * A[j, j]
     for j in range(7, -1, -1):
-        total = A[8, j]
-        for k in range(j + 1, 8):
-            total -= A[k, j] * A[8, k]
-        A[8, j] = total * A[j, j]
+        total = A[8, j] * A[j, j]
+        for k in range(max(j + 1, 3), 8):
+            total -= A[j, k] * A[8, k]
+        A[8, j] = total
