@@ -443,7 +443,8 @@ def _next_run(
     names = [wide.name for wide in known.wides]
     best, least = None, float(np.sum(np.log(known.deviation[open_ones])))
     recorded_s = len(data.sound[at]) / columns.rate
-    for option in options(data.scenarios[at], columns.channels, columns.rate, quiet, data.chains, recorded_s):
+    others = options(data.scenarios[at], columns.channels, columns.rate, quiet, data.chains, recorded_s)
+    for option in others[:_TRIED]:
         scenario = parse_scenario(option.scenario)
         if any(scenario.model.get(name) != given.get(name) for name in names):
             continue  # what is looked for is not set anew
@@ -472,6 +473,8 @@ def _reason(known: Known, deviations: NDArray[np.float64]) -> str:
     return "".join(f"# {line}\n" for line in lines)
 
 
+_TRIED = 3
+"""Of other settings, the most different ones."""
 _WORTH_IT = 0.2
 """By so much of its logarithm at least one more run has to narrow all that is open."""
 

@@ -145,7 +145,7 @@ def diagnose(
     rival = () if runner_up is None else contrasts(measure, judged_on, twins, repaired[runner_up])
     judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)
     off = alone_off((measure, measure.of_repaired(explanation.like)), measured)
-    unexplained_at = where_unknown(measure, off, subject.causes, library)
+    unexplained_at = where_unknown(attribution, measured, subject.causes, library)
     return Findings(
         layout=subject.layout,
         none=belief.none,
