@@ -21,7 +21,7 @@ _FEWEST, _CLEARLY, _TOLD = 8, 1.5, 6
 _RARE = 0.99
 _OFF = 1.6
 """Gap of a channel by itself; of ten healthy rigs about one has such a channel."""
-_NEAREST, _LIKE, _UNLIKE = 3, 0.55, 0.2
+_NEAREST, _LIKE, _UNLIKE = 3, 0.5, 0.2
 """Rigs by which a cause is held against the measurement; cosine of the angle between both from which on it
 resembles that, and by how much less it is e times less likely. By eye, on campaigns of another engine with
 what no catalogue holds (`python -m benchmarks.blind make DIR --sets mild strong`, seed 901)."""

@@ -72,5 +72,5 @@ MODEL = RigModel(
     reference=CHANNELS.marker,
     follow=mark_cycles,
     fine_rate=51_200.0,
-    speed=25.0,
+    speed=20.0,
 )
