@@ -141,11 +141,7 @@ class WorkerProcess:
         with suppress(queue.Full):  # then the sender has something to send, and fails at it
             self._outbox.put_nowait(None)
         for thread in self._threads:
-            thread.join(1.0 if goes_on else None)
-            if thread.is_alive():  # a process that has done its work takes what is sent to it, or hangs
-                goes_on = False
-                self._child.end(0.0)
-                thread.join()
+            thread.join()
         if self._crew is not None and goes_on:
             self._crew.keep(self._name, self._child)
         else:

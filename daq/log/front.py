@@ -34,7 +34,7 @@ _LENGTH = 8
 _CHECKSUM_BYTES = 4
 _CHECKSUM_HEAD = RECORD_HEAD.pack(CHECKSUM_OPCODE, _CHECKSUM_BYTES)
 _LENGTHS = {CHECKSUM_OPCODE: _CHECKSUM_BYTES, Opcode.FOOTER: 20}
-_FOOTER_HEAD = RECORD_HEAD.pack(Opcode.FOOTER, _LENGTHS[Opcode.FOOTER])
+_LOG_HEAD = MCAP0_MAGIC + bytes([Opcode.HEADER])
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _WINDOW = 1 << 20
 _NO_RECORD = (ValueError, OverflowError, struct.error, McapError)
@@ -131,11 +131,11 @@ def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tupl
             note(f"it cannot be read at byte {position}: {error.strerror}", position)
             return
         except ValueError as error:
-            if (another := _another_at(descriptor, position)) is not None:
-                note(f"another log begins at byte {another}: nothing from there on is read", another)
-                return
             # it may be the length of the record before that is wrong, and led past whole ones
             record, found = _next_whole_chunk(descriptor, before + 1, size, allowance)
+            if (another := _another_log(descriptor, before + 1, found)) is not None:
+                note(f"another log begins at byte {another}: nothing from there on is read", another)
+                return
             whole = position == size and opcode == CHECKSUM_OPCODE
             end = os.pread(descriptor, RECORD_HEAD.size, max(size - RECORD_HEAD.size - _CHECKSUM_BYTES, 0))
             # where a checksum ends the file nothing was cut off: what leads elsewhere is wrong
@@ -149,11 +149,13 @@ def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tupl
         yield before, opcode, record
 
 
-def _another_at(descriptor: int, position: int) -> int | None:
-    """Where another file begins, right behind the end of this one or what is left of it, if one does."""
-    if os.pread(descriptor, len(_FOOTER_HEAD), position) == _FOOTER_HEAD:
-        position += _FOOTER_BYTES + len(MCAP0_MAGIC)
-    return position if os.pread(descriptor, len(MCAP0_MAGIC), position) == MCAP0_MAGIC else None
+def _another_log(descriptor: int, begin: int, end: int) -> int | None:
+    """Where another log begins in between, as where files were put together; None where none does."""
+    for start in range(begin, end, _WINDOW):
+        window = os.pread(descriptor, min(_WINDOW + len(_LOG_HEAD) - 1, end - start), start)
+        if (found := window.find(_LOG_HEAD)) >= 0:
+            return start + found
+    return None
 
 
 def _content(record: bytes) -> ReadDataStream:

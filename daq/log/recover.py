@@ -339,8 +339,8 @@ def _copied(
         else:
             block = decode_block(name, message.data)
             if writer.comes_again(message.topic, block):
-                if log.damage in ("", CUT):
-                    log.damage = _AGAIN.format(topic=message.topic, number=block.first_sample)
+                again = _AGAIN.format(topic=message.topic, number=block.first_sample)
+                log.damage = again if log.damage in ("", CUT) else f"{log.damage}; {again}"
                 break
             lost += writer.add_encoded_block(origin, block, message.data, message.log_ns, cause=LOST)
             lasts[message.topic] = message.log_ns, block

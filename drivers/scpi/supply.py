@@ -47,8 +47,8 @@ class ScpiSupply(ScpiSource):
 
     @property
     def busy(self) -> bool:
-        """Whether it has answered just now: an order is several exchanges, each of which has its time."""
-        return time.monotonic() - self._link.answered_s < _JUST_NOW_S
+        """Whether it heard or said something just now: an order is several exchanges, each with its time."""
+        return time.monotonic() - self._link.spoke_s < _JUST_NOW_S
 
     @property
     def longest_stop_s(self) -> float:

@@ -444,10 +444,10 @@ def _next_run(
     best, least = None, float(np.sum(np.log(known.deviation[open_ones])))
     recorded_s = len(data.sound[at]) / columns.rate
     others = options(data.scenarios[at], columns.channels, columns.rate, quiet, data.chains, recorded_s)
-    for option in others[:_TRIED]:
-        scenario = parse_scenario(option.scenario)
-        if any(scenario.model.get(name) != given.get(name) for name in names):
-            continue  # what is looked for is not set anew
+    scenarios = [(option, parse_scenario(option.scenario)) for option in others]
+    # what is looked for is not set anew
+    alike = [each for each in scenarios if all(each[1].model.get(n) == given.get(n) for n in names)]
+    for option, scenario in alike[:_TRIED]:
         runs = [_narrow((), Path(), each) for each in option.campaign.runs]  # as it would be looked at
         more = identifying(runs, [scenario], names)
         try:

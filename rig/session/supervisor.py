@@ -293,9 +293,6 @@ def _switch_off_for_good(
         with suppress(OSError):
             pipe.send(str(os.getpid()))
     if not switch_off(spare):
-        if _is_stopped(run):
-            with suppress(OSError):
-                os.kill(run, signal.SIGKILL)
         # whoever reads what the run writes, or would end this, is not to wait for it
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         words = "" if told else failed or _GOES_ON.format(process=os.getpid())
@@ -304,10 +301,15 @@ def _switch_off_for_good(
         for lock in locks:
             with suppress(OSError):
                 lock.sign(", which goes on switching off a drive that does not answer,")
-        wait_s = _SOON_S  # one that was ended lets go within a moment
-        while not switch_off(spare):  # nobody else is left to try again
-            time.sleep(wait_s)
-            wait_s = _AGAIN_S
+        while True:  # nobody else is left to try again
+            held_still = _is_stopped(run)
+            if held_still:
+                with suppress(OSError):
+                    os.kill(run, signal.SIGKILL)
+            time.sleep(_SOON_S if held_still else 0.0)  # it lets go within a moment
+            if switch_off(spare):
+                break
+            time.sleep(_AGAIN_S)
         told = False
     for lock in locks:
         lock.close()

@@ -145,7 +145,8 @@ def diagnose(
     rival = () if runner_up is None else contrasts(measure, judged_on, twins, repaired[runner_up])
     judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)
     off = alone_off((measure, measure.of_repaired(explanation.like)), measured)
-    unexplained_at = where_unknown(attribution, measured, subject.causes, library)
+    explained = attribution.response(selected, chosen.best()[None])[0][0] if chosen else np.zeros(1)
+    unexplained_at = where_unknown(attribution, measured, explained, subject.causes, library)
     return Findings(
         layout=subject.layout,
         none=belief.none,

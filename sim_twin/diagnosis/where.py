@@ -67,13 +67,18 @@ def not_fitting(
 
 
 def where_unknown(
-    attribution: Attribution, measured: NDArray[np.floating], causes: Sequence[Cause], library: Library
+    attribution: Attribution,
+    measured: NDArray[np.floating],
+    explained: NDArray[np.floating],
+    causes: Sequence[Cause],
+    library: Library,
 ) -> dict[str, float]:
     """Shares of the locations, for something that no cause explains of `measured` blocks (n, numbers).
 
-    It sits where the causes are whose rigs lie off the healthy ones in the same direction.
+    It sits where the causes are whose rigs lie off the healthy ones in the same direction, less what is
+    `explained` (directions,). Causes that some runs ruled out are not among those that it is held against.
     """
-    place = attribution.place(measured).mean(axis=0)
+    place = attribution.place(measured).mean(axis=0) - explained
     nearest: dict[str, float] = {}
     for cause in causes:
         if not cause.entered and library.count((cause,)):

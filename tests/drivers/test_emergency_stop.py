@@ -408,7 +408,7 @@ def test_a_line_stays_open_while_the_emulated_drive_trips_and_forgets() -> None:
         server.drive.access(40201, 1, None)  # used up what the first refuses, once each
     faults = server.drive.faults
     assert (faults.terminals, faults.stuck, faults.not_obeyed) == (NO_TERMINAL, True, frozenset({40014}))
-    assert faults.exceptions == {40201: (4, 0), 40009: (4, 1)}
+    assert faults.exceptions == {40201: (2, 0), 40009: (2, 1)}
     assert server.drive.access(40501, 1, None) == [48]
     for text in ("cut:share=0.1", "flip:share=0.2"):
         server.befall(rehearsed(f"inverter.{text}"))

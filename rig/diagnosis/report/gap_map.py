@@ -78,7 +78,7 @@ def _places(case: Case) -> list[Part]:
     ]
     rest = 1 - sum(row.share for row in rows)
     rows += [Bar("elsewhere", rest, probability(rest), apart=True)] if len(rows) < len(shares) else []
-    table = BarTable(("location", "share"), rows, "Share of the gap that effects at a place explain")
+    table = BarTable(("location", "share"), rows, "Share of the gap that comes from a place")
     off = case.findings.alone_off
     if not off or case.findings.verdict != "unknown":
         return [table]

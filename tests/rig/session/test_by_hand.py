@@ -174,28 +174,28 @@ def test_what_is_asked_of_a_person_once_more_is_not_off_by_that() -> None:
 
 @pytest.mark.parametrize("when", ["before it is asked", "while it is asked"])
 def test_a_stop_by_another_thread_has_the_last_word(when: str) -> None:
-    person = Person(SteppedClock())
+    class Overtaken(Person):
+        """Hears of a stop just before the order to turn it up."""
+
+        def ask(self, words: str, *order: object) -> None:
+            if order[0] == "set":
+                stop()
+            super().ask(words, *order)
+
+    person = Overtaken(SteppedClock())
     motion = by_hand(person)
 
     def stop() -> None:
         assert motion._asked_to_rest.acquire(blocking=False)
-        person.off()
-
-    def stopped(order: tuple[object, ...], rpm: float) -> float:
-        if order[0] == "set":
-            stop()
-        return rpm
+        Person.ask(person, "STOP", "rest")
 
     motion.arm(soft=True)
     if when == "before it is asked":
         stop()
-    else:
-        person.does = stopped
     with pytest.raises(InstrumentRefused, match="it is to rest by now"):
         motion.start(soft=True)
     asked = [order[0] for _, order in person.asked]
-    assert asked[-1:] == (["rest"] if when == "while it is asked" else [])
-    assert "set" not in asked[-1:]
+    assert asked == (["rest"] if when == "before it is asked" else ["rest", "set", "rest"])
 
 
 def test_a_shaft_whose_marker_is_lost_at_speed_is_not_at_rest() -> None:

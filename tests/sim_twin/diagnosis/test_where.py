@@ -19,6 +19,7 @@ OF_ONE = (np.arange(CELLS) % len(CHANNELS) == 0).astype(float)
 PLUG = Cause("plug", "sensor", (SIZE,), "one", sensing=True)
 OTHER = Cause("plug", "sensor", (SIZE,), "two", sensing=True)
 WIDE = Cause("wide", "everywhere", (SIZE,))
+NOTHING = np.zeros(1)
 
 
 @cache
@@ -85,10 +86,16 @@ def test_something_unknown_sits_where_what_resembles_it_does() -> None:
     attribution = learned(found, Moments(Toy().layout), [4.0])
     causes = (PLUG, OTHER, WIDE)
     twisted = OF_ONE * np.linspace(0.5, 1.5, CELLS)  # no plug does that
-    shares = where_unknown(attribution, rig(500, 6 * twisted, 4), causes, found)
+    shares = where_unknown(attribution, rig(500, 6 * twisted, 4), NOTHING, causes, found)
     assert sum(shares.values()) == pytest.approx(1.0)
     assert max(shares, key=lambda each: shares[each]) == "sensor"
-    shares = where_unknown(attribution, rig(500, 6 * np.linspace(0.5, 1.5, CELLS), 4), causes, found)
+    shares = where_unknown(attribution, rig(500, 6 * np.linspace(0.5, 1.5, CELLS), 4), NOTHING, causes, found)
     assert max(shares, key=lambda each: shares[each]) == "everywhere"
+    explained = attribution.place(rig(501, 6 * np.ones(CELLS), 4)).mean(axis=0)
+    both = rig(500, 6 * np.ones(CELLS) + 6 * twisted, 4)
+    shares = where_unknown(attribution, both, explained, causes, found)
+    assert max(shares, key=lambda each: shares[each]) == "sensor"
     nothing_like_it = np.roll(OF_ONE, 2) - np.roll(OF_ONE, 3)
-    assert where_unknown(attribution, rig(500, 6 * nothing_like_it, 4), causes, found) == {NOT_KNOWN: 1.0}
+    assert where_unknown(attribution, rig(500, 6 * nothing_like_it, 4), NOTHING, causes, found) == {
+        NOT_KNOWN: 1.0
+    }
