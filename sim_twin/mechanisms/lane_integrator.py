@@ -34,6 +34,7 @@ from sim_twin.mechanisms.lane_run import (
     LOW_DEPTH,
     NOW,
     PHASE,
+    REACHED,
     RETAKEN,
     SAMPLES,
     SEEKS,
@@ -104,32 +105,37 @@ def advance_lanes(
 def _observe(
     observe: Observe, p: Any, run: LaneRun, at: Any, lane: int, first: int, dt: float, out: Real
 ) -> None:
-    """Give the samples of a lane's last step, eight at a time; what lies beyond it comes with the next."""
+    """Take the states at the samples of a lane's last step, and give samples once there are eight.
+
+    What lies beyond the step comes with the next.
+    """
     before, now = run.clock[BEFORE, lane], run.clock[NOW, lane]
     steepness = 1.0 / (now - before) if now > before else 0.0
     states, row_length = run.y.shape[0], out.shape[2]
-    number, end = run.counts[SAMPLES, lane], first + row_length - SPARE
-    if number == end or number * dt > now:
-        return
-    for j in range(run.latched.shape[0]):
-        at.sought_rate[j] = repeated(run.during, j * LANES + lane)
+    number, end = run.counts[REACHED, lane], first + row_length - SPARE
     while number < end and number * dt <= now:
-        t = (number + at.shown[0, 0]) * dt
+        due = number - (number - first) % LANES  # the first of these eight
+        numbers = at.shown[0, 0]
+        t, later = (due + numbers) * dt, numbers - (number - due) + 0.5
         x = (t - before) * steepness
         rest = 1.0 - x
         for i in range(states):
             c, row = i * LANES + lane, states * LANES
             bend = repeated(run.kept, c + 3 * row) + rest * repeated(run.kept, c + 4 * row)
             curve = repeated(run.kept, c + row) + rest * (repeated(run.kept, c + 2 * row) + x * bend)
-            at.between[i] = repeated(run.kept, c) + x * curve
-        observe(p, t, at.between, at.sought_rate, at.shown, 1)
-        for row in range(out.shape[1]):
-            store(out, (lane * out.shape[1] + row) * row_length + number - first, at.shown[row, 1])
-        due = 1
-        while due < LANES and number + due < end and (number + due) * dt <= now:
-            due += 1
-        number += due
-    run.counts[SAMPLES, lane] = number
+            state = repeated(run.kept, c) + x * curve
+            at.sampled[lane, i] = where_positive(later, state, at.sampled[lane, i])
+        for j in range(run.latched.shape[0]):
+            latched = repeated(run.during, j * LANES + lane)
+            at.sampled_latched[lane, j] = where_positive(later, latched, at.sampled_latched[lane, j])
+        while number < min(due + LANES, end) and number * dt <= now:
+            number += 1
+        if number == due + LANES or number == end:
+            observe(p, t, at.sampled[lane], at.sampled_latched[lane], at.shown, 1)
+            for row in range(out.shape[1]):
+                store(out, (lane * out.shape[1] + row) * row_length + due - first, at.shown[row, 1])
+            run.counts[SAMPLES, lane] = number
+    run.counts[REACHED, lane] = number
 
 
 @generic

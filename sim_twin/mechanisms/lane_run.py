@@ -18,9 +18,10 @@ NOW, BEFORE, TRIED, STEP, STEP_BEFORE_ONSET, WHOLE, ERROR, SQUARED = range(8)
 sought; `SQUARED` is its error."""
 AT, LOW, HIGH, LOW_DEPTH, HIGH_DEPTH, FIRST = range(6)
 """Rows of `sought`: fractions of the step and depths in m of a search in it."""
-GOING, SAMPLES, TRIES, RETAKEN, PHASE, SIDE, SEEKS = range(7)
+GOING, SAMPLES, TRIES, RETAKEN, PHASE, SIDE, SEEKS, REACHED = range(8)
 """Rows of `counts`. `GOING`: 1 where a lane has samples to give, else 0; minus its status where it failed.
-`RETAKEN`: how often a step up to an onset was tried."""
+`RETAKEN`: how often a step up to an onset was tried. `REACHED`: samples whose states are known; of them
+`SAMPLES` are given."""
 SPARE = LANES - 1
 """Columns behind the samples that are asked for: they are written eight at a time."""
 
@@ -29,7 +30,8 @@ class LaneRun(NamedTuple):
     """Where eight runs stand: as in `run.Run`, with the lanes as last axis.
 
     `kept` is the dense output of the last step, `dense` that of the step in work. `accepted` and `changed`
-    are 1 in the lanes that they hold of. `shown` takes eight samples of one lane, beside their numbers.
+    are 1 in the lanes that they hold of. `sampled` (8, n) and `sampled_latched` are states and contacts of
+    each lane at its next eight samples, `shown` takes these samples of one lane, beside their numbers.
     """
 
     y: Lanes
@@ -53,6 +55,8 @@ class LaneRun(NamedTuple):
     sought: Lanes
     accepted: Lanes
     changed: Lanes
+    sampled: Lanes
+    sampled_latched: Lanes
     shown: Lanes
     counts: Index
     floor: Real

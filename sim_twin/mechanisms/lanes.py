@@ -14,8 +14,8 @@ from sim_twin.mechanisms.lane_run import (
     ERROR,
     FIRST,
     GOING,
+    REACHED,
     SAMPLES,
-    SEEKS,
     SPARE,
     SQUARED,
     STEP,
@@ -134,7 +134,7 @@ def _begun(lanes: Sequence[Lane], kernel: Kernel) -> LaneRun:
     states[:] = np.transpose([each.y for each in lanes])
     tolerance[:] = np.transpose([each.limits.tolerance for each in lanes])
     contacts = {name: aligned((kernel.contacts, LANES)) for name in _OF_CONTACTS}
-    counts = np.zeros((SEEKS + 1, LANES), dtype=np.int64)
+    counts = np.zeros((REACHED + 1, LANES), dtype=np.int64)
     counts[GOING, ~np.isfinite(states).all(axis=0)] = -DIVERGED
     return LaneRun(
         **contacts,
@@ -149,6 +149,8 @@ def _begun(lanes: Sequence[Lane], kernel: Kernel) -> LaneRun:
         sought=aligned((FIRST + 1, LANES)),
         accepted=aligned((1, LANES)),
         changed=aligned((1, LANES)),
+        sampled=aligned((LANES, n, LANES)),
+        sampled_latched=aligned((LANES, kernel.contacts, LANES)),
         shown=shown,
         counts=counts,
         floor=np.array([each.limits.floor for each in lanes]),
