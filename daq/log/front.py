@@ -25,6 +25,7 @@ from daq.log.chunks import LONGEST_RECORD_BYTES, MAXIMUM_CHUNK_BYTES, RECORD_HEA
 from daq.log.records import CHECKSUM_OPCODE
 
 CUT = "it ends in the middle, as a crash leaves it"
+ANOTHER = "another log begins"
 _OUTSIDE = "messages outside of chunks are not read"
 _COMPRESSION = struct.pack("<I", 4) + b"zstd"
 _BEFORE_COMPRESSION = struct.Struct("<BQQQQI")
@@ -134,7 +135,7 @@ def _records(descriptor: int, allowance: Allowance, note: Note) -> Iterator[tupl
             # it may be the length of the record before that is wrong, and led past whole ones
             record, found = _next_whole_chunk(descriptor, before + 1, size, allowance)
             if (another := _another_log(descriptor, before + 1, found)) is not None:
-                note(f"another log begins at byte {another}: nothing from there on is read", another)
+                note(f"{ANOTHER} at byte {another}: nothing from there on is read", another)
                 return
             whole = position == size and opcode == CHECKSUM_OPCODE
             end = os.pread(descriptor, RECORD_HEAD.size, max(size - RECORD_HEAD.size - _CHECKSUM_BYTES, 0))

@@ -27,7 +27,7 @@ from daq.channel import Channel
 from daq.errors import DAMAGED, LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
-from daq.log.front import check_data, library_of, metadata_and_chunks, read_summary
+from daq.log.front import ANOTHER, check_data, library_of, metadata_and_chunks, read_summary
 from daq.log.records import RECORD_END, STOPPING, ClockRecord, Event, Gap, Impact
 
 _Kind = TypeVar("_Kind", Event, Gap, ClockRecord, Impact)
@@ -401,9 +401,11 @@ class LogReader:
             raise LogError(f"{self.path}: a chunk is damaged ({what})") from error
 
     def _note(self, damage: str, at: int | None = None) -> None:
-        """What was found first says where it begins."""
+        """What was found first says where it begins; what is left out as another log is told in any case."""
         if not self.damage:
             self.damage, self.damaged_at = damage, at
+        elif damage.startswith(ANOTHER) and ANOTHER not in self.damage:
+            self.damage += f"; {damage}"
 
 
 def late_by_s(block: SampleBlock, zero_ns: int) -> float:

@@ -46,7 +46,7 @@ class ScpiLink:
         self._visa: MessageBasedResource | None = None
         self._answer_pending = False
         self.identity = ""
-        self.spoke_s = -math.inf  # when a word last went to it or came from it, monotonic
+        self.last_word_s = -math.inf  # when a word last went to it or came from it, monotonic
         self._owed = 0  # answers with it that were asked for and have not come
         self._turn = threading.RLock()
 
@@ -107,7 +107,7 @@ class ScpiLink:
                     self.instrument, self.resource, what, "the load of this machine", "late"
                 )
             visa.write(command)
-            self.spoke_s = time.monotonic()
+            self.last_word_s = time.monotonic()
 
     def write_at_once(self, command: str) -> None:
         """Send one without an answer; by a socket also past another thread that hangs in an exchange.
@@ -136,12 +136,12 @@ class ScpiLink:
                     self._await_identity(visa)
             self._answer_pending = True
             visa.write(command)
-            self.spoke_s = time.monotonic()
+            self.last_word_s = time.monotonic()
             return self._answer(visa, command)
 
     def _answer(self, visa: MessageBasedResource, command: str) -> str:
         answer = visa.read_bytes(LONGEST_ANSWER, break_on_termchar=True)
-        self.spoke_s = time.monotonic()
+        self.last_word_s = time.monotonic()
         self._answer_pending = not answer.endswith(b"\n")
         if self._answer_pending:
             what = f"its answer to {command} is longer than {LONGEST_ANSWER} bytes"

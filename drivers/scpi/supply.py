@@ -48,7 +48,7 @@ class ScpiSupply(ScpiSource):
     @property
     def busy(self) -> bool:
         """Whether it heard or said something just now: an order is several exchanges, each with its time."""
-        return time.monotonic() - self._link.spoke_s < _JUST_NOW_S
+        return time.monotonic() - self._link.last_word_s < _JUST_NOW_S
 
     @property
     def longest_stop_s(self) -> float:

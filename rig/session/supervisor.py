@@ -14,8 +14,9 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from itertools import pairwise
 from multiprocessing.connection import Connection
-from pathlib import Path
 from types import TracebackType
+
+import psutil
 
 from daq.clock import SystemClock
 from daq.errors import EmergencyStop, InstrumentRefused, RattleError
@@ -234,6 +235,7 @@ def _supervise(
     at_once: bool,
 ) -> None:
     run = os.getppid()
+    its_process = psutil.Process(run)  # as long as it lives: later its number may be another's
     os.setsid()  # what the terminal sends to the run must not end its safety net too
     if spare is not None:
         spare()  # so that all that its driver needs is loaded while everything is still well
@@ -269,7 +271,7 @@ def _supervise(
                 if os.fork() > 0:  # the run waits for its child and ends it, which that one is not
                     return
                 apart = True
-            _switch_off_for_good(pipe, spare, locks, failed, told=why == _OFF, apart=apart, run=run)
+            _switch_off_for_good(pipe, spare, locks, failed, told=why == _OFF, apart=apart, run=its_process)
             os._exit(0)
 
 
@@ -280,10 +282,10 @@ def _switch_off_for_good(
     failed: str,
     told: bool,
     apart: bool,
-    run: int,
+    run: psutil.Process,
 ) -> None:
     """`failed`: what went wrong, if not the run. `apart`: in a process without other threads, that no run
-    which lives still ends. `run`: its process.
+    which lives still ends.
     """
     if apart:
         # nothing of the run's is kept open: processes that it left wait for that, with what it writes to
@@ -302,11 +304,8 @@ def _switch_off_for_good(
             with suppress(OSError):
                 lock.sign(", which goes on switching off a drive that does not answer,")
         while True:  # nobody else is left to try again
-            held_still = _is_stopped(run)
-            if held_still:
-                with suppress(OSError):
-                    os.kill(run, signal.SIGKILL)
-            time.sleep(_SOON_S if held_still else 0.0)  # it lets go within a moment
+            if _ended_as_held(run):
+                time.sleep(_SOON_S)  # it lets go within a moment
             if switch_off(spare):
                 break
             time.sleep(_AGAIN_S)
@@ -319,10 +318,12 @@ def _switch_off_for_good(
         _say(failed or _IS_OFF)
 
 
-def _is_stopped(process: int) -> bool:
-    """Whether it is held still, as by Ctrl-Z: then it lets go of no connection."""
-    with suppress(OSError):
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
+def _ended_as_held(run: psutil.Process) -> bool:
+    """End a run that is held still, as by Ctrl-Z: it lets go of no connection by itself. Whether it was."""
+    with suppress(psutil.Error):
+        if run.status() in (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP):
+            run.kill()
+            return True
     return False
 
 

@@ -12,7 +12,7 @@ from sim_twin.diagnosis.arguments import alone, contrasts
 from sim_twin.diagnosis.attribution import Attribution
 from sim_twin.diagnosis.belief import Belief, belief_of, contributions, largest, of_a_part
 from sim_twin.diagnosis.campaign import Campaign
-from sim_twin.diagnosis.cause import Cause, Hypothesis, effects_of, is_effect, named, parts_of
+from sim_twin.diagnosis.cause import Hypothesis, effects_of, is_effect, named, parts_of
 from sim_twin.diagnosis.explanation import Explaining, Explanation
 from sim_twin.diagnosis.findings import Entered, Findings, Judged
 from sim_twin.diagnosis.gap import GapMeasure, gap_measure, shrink_of
@@ -145,8 +145,6 @@ def diagnose(
     rival = () if runner_up is None else contrasts(measure, judged_on, twins, repaired[runner_up])
     judged = _judged(measure, judged_on, ranked, repaired, belief, chosen, gap.after)
     off = alone_off((measure, measure.of_repaired(explanation.like)), measured)
-    explained = attribution.response(selected, chosen.best()[None])[0][0] if chosen else np.zeros(1)
-    unexplained_at = where_unknown(attribution, measured, explained, subject.causes, library)
     return Findings(
         layout=subject.layout,
         none=belief.none,
@@ -157,7 +155,7 @@ def diagnose(
         effects=tuple(each for cause, each in zip(selected, put_in, strict=True) if not cause.entered),
         put_in=put_in,
         gap=gap,
-        by_location=_by_location(ranked, attribution, search.causes, belief.unexplained, unexplained_at),
+        by_location=_by_location(search, attribution, ranked, belief.unexplained, chosen),
         alone_off=off,
         entered=_entered(ranked, belief),
         not_fitting=not_fitting(subject.layout, measured, explanation.like),
@@ -326,20 +324,22 @@ def _entered(ranked: Sequence[Ranked], belief: Belief) -> tuple[Entered, ...]:
 
 
 def _by_location(
-    ranked: Sequence[Ranked],
+    search: Search,
     attribution: Attribution,
-    causes: Sequence[Cause],
+    ranked: Sequence[Ranked],
     unknown: float,
-    unexplained_at: Mapping[str, float],
+    chosen: Ranked | None,
 ) -> dict[str, float]:
-    """Shares of the locations in what is believed to explain it, and in what is `unknown` beside that."""
+    """Shares of the locations in what is believed to explain it, and in what is `unknown` beside `chosen`."""
     believed = (cause for each in ranked for cause in each.hypothesis)
-    shares = {cause.location: 0.0 for cause in (*causes, *believed)}
+    shares = {cause.location: 0.0 for cause in (*search.causes, *believed)}
     for each in ranked:
         for cause, share in contributions(attribution, each.hypothesis, each.best()).items():
             shares[cause.location] += each.probability * share
     total = sum(shares.values()) or 1.0
     shares = {location: (1 - unknown) * share / total for location, share in shares.items()}
-    for location, share in unexplained_at.items():
+    explained = attribution.response(chosen.hypothesis, chosen.best()[None])[0][0] if chosen else np.zeros(1)
+    at = where_unknown(attribution, search.measured, explained, search.causes, search.library)
+    for location, share in at.items():
         shares[location] = shares.get(location, 0.0) + unknown * share
     return dict(sorted(shares.items(), key=lambda one: -one[1]))

@@ -116,7 +116,7 @@ def _observe(
     while number < end and number * dt <= now:
         due = number - (number - first) % LANES  # the first of these eight
         numbers = at.shown[0, 0]
-        t, later = (due + numbers) * dt, numbers - (number - due) + 0.5
+        t, later = (due + numbers) * dt, numbers - (number - due) + 0.5  # positive from `number` on
         x = (t - before) * steepness
         rest = 1.0 - x
         for i in range(states):

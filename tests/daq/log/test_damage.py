@@ -274,6 +274,7 @@ def test_of_two_recordings_in_one_file_the_first_is_saved(tmp_path: Path, crashe
     report = recover_log(both, tmp_path / "recovered.mcap")
     assert report.sound
     assert not report.whole
+    assert f"another log begins at byte {len(head) - cut}" in report.recovered_from
     with LogReader(first) as one, LogReader(tmp_path / "recovered.mcap") as saved:
         assert saved.scenario == 'name = "ramp"'
         for name in ("a", "b"):
@@ -321,6 +322,12 @@ def test_samples_that_come_twice_are_no_break_of_the_sequence(tmp_path: Path) ->
     (topic,) = report.topics
     assert (topic.repeats, topic.sequence_breaks, topic.unaccounted) == (1, 0, 0)
     assert not report.sound
+    recovered = recover_log(path, tmp_path / "recovered.mcap")
+    assert recovered.recovered_from.startswith("/measured/a: sample 0 comes twice")
+    assert recovered.sound
+    assert not recovered.whole
+    with LogReader(tmp_path / "recovered.mcap") as saved:
+        assert saved.series("measured", "a").end_sample == BLOCK
 
 
 @pytest.mark.parametrize(
