@@ -16,14 +16,15 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.blind.campaigns import Campaign, chosen, draw_campaigns
+from benchmarks.blind.command import end_with_children
 from benchmarks.blind.engines import engines
 from benchmarks.blind.kept import keep, restore
-from benchmarks.blind.make import discard_logs, make
-from benchmarks.blind.runner import diagnose_all, program_digest
+from benchmarks.blind.make import discard_logs, is_recorded, make
+from benchmarks.blind.runner import CALIBRATED, diagnose_all, program_digest, was_stopped
 from benchmarks.blind.score import measure_gaps, measure_truths, score
 from benchmarks.blind.seal import SealBroken, sealed, unseal
 from benchmarks.blind.sets import RIGS, SETS
-from benchmarks.kept_results import Results
+from benchmarks.kept_results import Results, commit
 
 _AT_ONCE = 6
 """Campaigns that are recorded together; what is done of them by then is lost with the machine."""
@@ -32,6 +33,7 @@ _STEPS = ("make", "diagnose", "oracle", "score", "all")
 
 def main() -> int:
     """Do what the command line says; 1 if a bar is missed, 2 on a broken seal."""
+    end_with_children()
     arguments = _arguments()
     folder, step = arguments.folder, arguments.step
     met = True
@@ -66,10 +68,12 @@ def _by_parts(arguments: argparse.Namespace, campaigns: Sequence[Campaign], part
     for first in range(0, len(left), _AT_ONCE):
         some = left[first : first + _AT_ONCE]
         make(folder, campaigns, some)
+        some = [each for each in some if is_recorded(folder, each)]
         diagnose_all(folder, [each.name for each in some], arguments.budget, arguments.effort)
         measure_gaps(folder, some)
         for each in some:
-            if results is not None:
+            stopped = any(was_stopped(folder, each.name + look) for look in ("", CALIBRATED))
+            if results is not None and not stopped:
                 keep(folder, seed, each, results)
             if arguments.discard_logs:
                 discard_logs(folder, each)
@@ -79,7 +83,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.blind", description=__doc__)
     parser.add_argument("step", choices=_STEPS)
     parser.add_argument("folder", type=Path, help="where everything of one check lies")
-    parser.add_argument("--seed", type=int, default=1, help="draws the campaigns")
+    parser.add_argument("--seed", type=int, help="draws the campaigns, for `make` and `all`")
     parser.add_argument("--sets", nargs="+", choices=tuple(SETS), default=tuple(SETS))
     parser.add_argument("--rigs", nargs="+", choices=RIGS, default=RIGS)
     parser.add_argument("--share", type=float, default=1.0, help="of each set, from its beginning")
@@ -91,7 +95,14 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--more", type=int, help="of `all`: do at most so many more than --results has")
     parser.add_argument("--results", type=Path, help="keep what each campaign came to in this folder")
     parser.add_argument("--discard-logs", action="store_true", help="remove logs once a campaign is done")
-    return parser.parse_args()
+    asked = parser.parse_args()
+    if asked.step in ("make", "all") and asked.seed is None:
+        parser.error("--seed: which campaigns are drawn")
+    if asked.results is not None and (asked.budget is not None or asked.effort != 1.0):
+        parser.error("--results are those of the usual effort")
+    if asked.results is not None and commit().endswith("+"):
+        parser.error("--results: files differ from the commit that they would be kept with")
+    return asked
 
 
 if __name__ == "__main__":

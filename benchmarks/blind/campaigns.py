@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from benchmarks.blind.catalogue import BEAM, CATALOGUE, PIVOTED_ONLY, WIRED, EffectEntry, swapped_by
-from benchmarks.blind.operating_points import PointOfRun, left_out, points
+from benchmarks.blind.operating_points import PointOfRun, left_out, longest, points
 from benchmarks.blind.outsiders import Outside
 from benchmarks.blind.sets import HEALTHY, HIDDEN, OUTSIDE, RIGS, SETS, CheckSet, Kind
 
@@ -186,11 +186,11 @@ def _page(of: CheckSet, engine: Unlisted, rng: np.random.Generator) -> tuple[Eff
 
 
 def _other_rig(lab: Campaign, rng: np.random.Generator, number: int) -> dict[str, Any]:
-    """What another rig of a lab has of its own: its seeds, and one run as the lab's others set it."""
+    """What another rig of a lab has of its own: its seeds, and one long run as the lab's others set it."""
     return {
         "name": f"{lab.lab} reference {number}",
         "kind": "reference",
-        "runs": lab.runs[:1],
+        "runs": (longest(lab.runs[0]),),
         "rig_seed": int(rng.integers(2**31)),
         "run_seeds": (int(rng.integers(2**31)),),
     }

@@ -29,6 +29,11 @@ class Spent:
     memory_mb: float
 
 
+def end_with_children() -> None:
+    """Have this program, when it is told to terminate, leave by its ends, which stop what it runs."""
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+
+
 def rattle(arguments: Sequence[str], output: Path, limit_s: float) -> Spent:
     """Run a command; what it says goes to `output`. It is stopped, with all it started, after `limit_s`."""
     return run([sys.executable, "-m", "rig.start", *arguments], output, limit_s)

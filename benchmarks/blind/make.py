@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -29,6 +31,11 @@ def make(folder: Path, campaigns: Sequence[Campaign], part: Sequence[Campaign]) 
             print(f"recorded {name} ({done} of {len(todo)})", flush=True)
 
 
+def is_recorded(folder: Path, campaign: Campaign) -> bool:
+    """Whether all logs of a campaign are there."""
+    return all((folder / "logs" / campaign.name / name).exists() for name in run_names(campaign))
+
+
 def discard_logs(folder: Path, campaign: Campaign) -> None:
     """Remove the logs of a campaign."""
     for name in run_names(campaign):
@@ -46,10 +53,17 @@ def workers() -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def each_done(pool: ProcessPoolExecutor, work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-    """Results as they come."""
+def each_done(pool: Executor, work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
+    """Results as they come; of work that fails what it raised is printed, and the others go on."""
     for future in as_completed([pool.submit(work, item) for item in items]):
-        yield future.result()
+        try:
+            found = future.result()
+        except BrokenProcessPool:
+            raise
+        except Exception:  # one campaign of hundreds
+            traceback.print_exc()
+        else:
+            yield found
 
 
 def _recorded(folder: Path, campaign: Campaign) -> str:

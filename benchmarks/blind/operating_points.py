@@ -49,6 +49,11 @@ def points(rig: str, runs: int, rng: np.random.Generator, beam: str = "steel") -
     )
 
 
+def longest(point: PointOfRun) -> PointOfRun:
+    """The same for as long as any run lasts: 19 whole cycles at the least."""
+    return {**point, "duration": _DURATION_S[1]}
+
+
 def _beam(share: float, rng: np.random.Generator) -> PointOfRun:
     return {
         "clearance": _gap(_BEAM_GAP_MM, 3, rng),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 
 from benchmarks.blind.calibration import logs_of, model_of, references
@@ -25,6 +26,8 @@ _BESIDE = tuple(f"rig/rigs/{rig}.toml" for rig in RIGS)
 _LONGEST_S = 3600.0
 """A diagnosis that hangs is stopped; load by others alone makes no miss."""
 CALIBRATED = "_calibrated"
+NO_MODEL = -1
+"""Exit code of a diagnosis where there was no model to diagnose by; those below are signals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +35,7 @@ class Cost:
     """How a diagnosis went, and what was run.
 
     Wall and processor time in s, exit code (None: stopped), most memory of all its processes in MB; its
-    budget in s (None: the usual) and effort. An exit code of -1: there was no model to diagnose by.
+    budget in s (None: the usual) and effort.
     """
 
     wall_s: float
@@ -61,7 +64,7 @@ def diagnose_all(
             raise SystemExit(f"{name} has not been recorded; make it first")
         model = model_of(folder, healthy[name], effort) if look else None
         if look and model is None:
-            cost = Cost(0.0, -1, budget_s, effort, int(name[1:]), 0, program_digest())
+            cost = Cost(0.0, NO_MODEL, budget_s, effort, int(name[1:]), 0, program_digest())
             _keep(folder, name + look, cost)
         else:
             cost = _diagnose(folder, name, look, model, budget_s, effort)
@@ -78,6 +81,12 @@ def cost_of(folder: Path, name: str) -> Cost | None:
     return Cost(**json.loads(file.read_text())) if file.exists() else None
 
 
+def was_stopped(folder: Path, name: str) -> bool:
+    """Whether a diagnosis ended by a signal, as for want of memory, or went on for too long."""
+    cost = cost_of(folder, name)
+    return cost is not None and (cost.exit_code is None or cost.exit_code < NO_MODEL)
+
+
 def diagnosis_file(folder: Path, name: str) -> Path:
     """Where a diagnosis lies."""
     return _out(folder, name) / "diagnosis.json"
@@ -88,6 +97,7 @@ def effects_file(folder: Path, name: str) -> Path:
     return _out(folder, name) / "effects.json"
 
 
+@cache
 def program_digest() -> str:
     """Of all that an answer, and what it is held against, hang on, so that a change between two shows."""
     return made_by(_HANGS_ON, _BESIDE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -71,6 +72,15 @@ def _wrong(cases: Sequence[Case]) -> list[Case]:
     return [case for case in asked if metrics.first_right(case) == 0]
 
 
+def _named_wrongly(cases: Sequence[Case]) -> list[Case]:
+    """Those of them that say that something is there."""
+    return [case for case in _wrong(cases) if metrics.not_none(case)]
+
+
+def _right(cases: Sequence[Case]) -> list[Case]:
+    return [case for case in SHOWN(cases) if math.isfinite(metrics.parameter_error(case))]
+
+
 def _between(low: float, high: float) -> Selection:
     return lambda cases: [
         case for case in SHOWN(cases) if case.gaps is not None and low <= case.gaps.before < high
@@ -87,6 +97,10 @@ def _novel(cases: Sequence[Case]) -> list[Case]:
 
 def _strength(kind: Kind) -> Where:
     return Where(("none", "single", "pair", "triple", kind))
+
+
+def _novel_of(kind: Kind) -> Selection:
+    return lambda cases: [case for case in _novel(cases) if not case.outside or case.campaign.kind == kind]
 
 
 def _mild_shown(cases: Sequence[Case]) -> list[Case]:
@@ -241,6 +255,7 @@ BESIDE = (
         replace(SHOWN, having=metrics.channel_right),
         metrics.channel_right,
     ),
+    _share("coverage of the main parameter, effect and channel right", _right, metrics.parameter_covered),
     _mean("relative shrink, singles", replace(_REPAIRED, kinds=("single",)), metrics.relative_shrink),
     _mean("relative shrink, pairs", replace(_REPAIRED, kinds=("pair",)), metrics.relative_shrink),
     _mean("relative shrink, triples", replace(_REPAIRED, kinds=("triple",)), metrics.relative_shrink),
@@ -253,6 +268,9 @@ BESIDE = (
     _unknown("all", UNKNOWN, metrics.auroc),
     _unknown("classes that thresholds were set with", _seen, metrics.auroc),
     _unknown("mild, those that the settings show", _mild_shown, metrics.auroc),
+    _unknown("mild, classes no threshold was set with", _novel_of("mild"), metrics.auroc),
+    _unknown("strong, classes no threshold was set with", _novel_of("strong"), metrics.auroc),
+    _share("wrong page, as it is: unknown, of wrong answers but none", _named_wrongly, metrics.unknown_first),
     _mean(
         "unknown, score refitted with classes held out: AUROC",
         replace(_OUTSIDE, having=metrics.outranks),

@@ -6,8 +6,9 @@ NumPy's .npz and .npy are read here as they are; MAT files of other programs han
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import prod
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,21 +121,35 @@ def named(path: Path, file: BinaryIO) -> Iterator[tuple[str, NDArray[Any]]]:
 
     Nothing in the file is run: pickled objects are refused.
     """
-    loaded = np.load(file, allow_pickle=False)
-    if not isinstance(loaded, np.ndarray):
+    head = file.read(len(np.lib.format.MAGIC_PREFIX))
+    file.seek(0)
+    if head != np.lib.format.MAGIC_PREFIX:
         allowance = Allowance(path, file.fileno())
-        with loaded:
-            for each in loaded.zip.infolist():
+        with np.load(file, allow_pickle=False) as several:
+            for each in several.zip.infolist():
                 allowance.spend(held=each.file_size, records=1)
-                with loaded.zip.open(each) as member:
-                    yield each.filename.removesuffix(".npy"), np.lib.format.read_array(member)
-    elif loaded.dtype.names is None:
+                with several.zip.open(each) as member:
+                    yield each.filename.removesuffix(".npy"), _array(member, each.file_size)
+        return
+    loaded = _array(file, path.stat().st_size)
+    if loaded.dtype.names is None:
         yield "array", loaded
     elif loaded.ndim != 1:
         raise LogError(f"a structured array of {loaded.ndim} dimensions")
     else:
         for name in loaded.dtype.names:
             yield name, loaded[name]
+
+
+def _array(file: IO[bytes], size: int) -> NDArray[Any]:
+    """The array of a file of so many bytes; raises LogError where it says that it has more."""
+    first = np.lib.format.read_magic(file) == (1, 0)
+    header = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+    shape, _, dtype = header(file)
+    if (held := prod(shape) * dtype.itemsize) > size:
+        raise LogError(f"an array of {held} bytes in a file of {size}")
+    file.seek(0)
+    return np.lib.format.read_array(file, allow_pickle=False)
 
 
 FORMAT = FileFormat("numpy", (".npz", ".npy"), read)

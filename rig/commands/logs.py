@@ -81,6 +81,8 @@ def verify(log: RunFile, as_json: Json = False) -> None:
     with _read("verifying", log, Screen(Terminal(stderr=as_json))) as passing:
         report = verify_log(log, passing)
     _show(report, as_json)
+    if not report.sound:
+        raise typer.Exit(_UNSOUND)
 
 
 @contextmanager
@@ -110,6 +112,8 @@ def recover(
     _show(report, as_json=False)
     if not report.whole:
         raise typer.Exit(_LOST)
+    if not report.sound:
+        raise typer.Exit(_UNSOUND)
 
 
 def _show(report: LogReport, as_json: bool) -> None:
@@ -132,8 +136,6 @@ def _show(report: LogReport, as_json: bool) -> None:
                 whose = f"{gap.origin} {gap.channel}".strip()
                 screen.say(f"gap: {whose}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
             screen.say(f"{report.path}: {_verdict(report, log)}")
-    if not report.sound:
-        raise typer.Exit(_UNSOUND)
 
 
 def _verdict(report: LogReport, log: LogReader) -> str:

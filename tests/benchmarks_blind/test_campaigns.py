@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from benchmarks.blind.campaigns import Campaign, channel_of, chosen, draw_campai
 from benchmarks.blind.catalogue import BEAM, CATALOGUE, CRANK, PIVOTED_ONLY, SPATIAL, WIRED, swapped_by
 from benchmarks.blind.intervals import wilson
 from benchmarks.blind.logs import write_campaign
+from benchmarks.blind.make import each_done
 from benchmarks.blind.operating_points import scenario_text, whole_cycles
 from benchmarks.blind.outsiders import Outside, outside
 from benchmarks.blind.recording import Recording
@@ -193,6 +195,7 @@ def test_a_set_is_drawn_the_same_whatever_else_is() -> None:
 def test_a_campaign_of_a_lab_has_healthy_runs_of_it_and_of_its_own_rig() -> None:
     for each in [one for one in CAMPAIGNS if one.of_set == "exponent"][:20]:
         *others, own = sorted(references_of(EVERY, [each]), key=lambda one: one.name == each.same_rig)
+        assert all(whole_cycles(one.runs[0]) >= 12 for one in others)  # ten sound ones are asked for
         assert len({other.rig_seed for other in others} - {each.rig_seed}) == HEALTHY == len(others)
         assert own.rig_seed == each.rig_seed
         assert {one.page for one in map(_told, (*others, own))} == {_told(each).page}
@@ -302,3 +305,13 @@ def test_recorded_runs_are_not_made_again(tmp_path: Path) -> None:
     before = [log.stat().st_mtime_ns for log in logs]
     write_campaign(tmp_path, CAMPAIGNS[0], SilentEngine())
     assert [log.stat().st_mtime_ns for log in logs] == before
+
+
+def tenth(number: int) -> float:
+    return 10 / number
+
+
+def test_one_that_fails_does_not_stop_the_others(capsys: pytest.CaptureFixture[str]) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        assert sorted(each_done(pool, tenth, (2, 0, 5))) == [2.0, 5.0]
+    assert "ZeroDivisionError" in capsys.readouterr().err

@@ -312,7 +312,7 @@ def test_a_program_other_than_the_frozen_one_does_not_pass(
 
 
 def test_what_was_kept_on_another_machine_scores_as_it_did_there(tmp_path: Path) -> None:
-    here, there, results = tmp_path / "here", tmp_path / "there", Results(tmp_path / "kept", "a" * 12)
+    here, there, results = tmp_path / "here", tmp_path / "there", Results(tmp_path / "kept", "a")
     hidden = campaign("single", CLEARANCE, name="c003")
     campaigns = (*CAMPAIGNS, hidden)
     seal(here, campaigns, FROZEN)
@@ -337,15 +337,37 @@ def test_what_was_kept_on_another_machine_scores_as_it_did_there(tmp_path: Path)
     assert told["gap"] == {"before": 3.0, "oracle": 1.0, "after": 1.5}
 
 
+def test_answers_of_another_program_are_not_kept_as_this_one_s(tmp_path: Path) -> None:
+    _write(tmp_path, CAMPAIGNS[0].name, _diagnosis(1.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="answers of another program"):
+        keep(tmp_path, 5, CAMPAIGNS[0], Results(tmp_path / "kept", "b"))
+
+
+def test_what_a_failed_diagnosis_said_last_is_kept(tmp_path: Path) -> None:
+    _write(tmp_path, CAMPAIGNS[0].name, _diagnosis(1.0, 0.0, 0.0), exit_code=1)
+    (tmp_path / "diagnoses" / CAMPAIGNS[0].name / "output.txt").write_text(f"{'-' * 5000} no whole cycle")
+    results = Results(tmp_path / "kept", "a")
+    keep(tmp_path, 5, CAMPAIGNS[0], results)
+    (kept,) = results.every("*")
+    assert kept["files"][f"diagnoses/{CAMPAIGNS[0].name}/output.txt"].endswith("no whole cycle")
+
+
+@pytest.mark.parametrize(("code", "stopped"), [(0, False), (1, False), (-1, False), (-9, True)])
+def test_what_a_signal_ended_is_no_answer(tmp_path: Path, code: int, stopped: bool) -> None:
+    _write(tmp_path, "c000", {}, exit_code=code)
+    assert runner.was_stopped(tmp_path, "c000") == stopped
+
+
 def test_a_campaign_that_was_kept_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
 
     def diagnose(folder: Path, names: list[str], *_: object) -> None:
         done.extend(names)
         for name in names:
-            _write(folder, name, _diagnosis(1.0, 0.0, 0.0))
+            _write(folder, name, _diagnosis(1.0, 0.0, 0.0), program=runner.program_digest())
 
     monkeypatch.setattr(blind, "make", lambda *_: None)
+    monkeypatch.setattr(blind, "is_recorded", lambda *_: True)
     monkeypatch.setattr(blind, "measure_gaps", lambda *_: None)
     monkeypatch.setattr(blind, "diagnose_all", diagnose)
     for machine, more in (("one", 1), ("another", 2)):

@@ -27,19 +27,23 @@ SAFE_S = 1.0
 
 
 class Relay:
-    """A network between a run and its generator, which the test takes away and gives back."""
+    """A network between a run and its generator, which the test takes away and gives back.
+
+    What was on its way and who had asked for a connection is forgotten, so that what comes after is new.
+    """
 
     def __init__(self, port: int) -> None:
         self._to, self._open = port, list[socket.socket]()
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = self._listener.getsockname()[1]
         self._selector, self._ways = selectors.DefaultSelector(), dict[socket.socket, socket.socket]()
-        self._up, self._ended = True, False
+        self._up, self._forgets, self._ended = True, False, False
+        self._listener.setblocking(False)
         self._thread = threading.Thread(target=self._carry)
         self._thread.start()
 
     def take_away(self) -> None:
-        self._up = False
+        self._up, self._forgets = False, True
 
     def give_back(self) -> None:
         self._up = True
@@ -50,9 +54,11 @@ class Relay:
         self._listener.close()
 
     def _carry(self) -> None:
-        """Lets connections and bytes wait while it is away, as a network does."""
+        """Answers nobody while it is away."""
         self._selector.register(self._listener, selectors.EVENT_READ)
         while not self._ended:
+            if self._up and self._forgets:
+                self._forget()
             for key, _ in self._selector.select(0.02):
                 if not self._up:
                     time.sleep(0.02)
@@ -67,6 +73,16 @@ class Relay:
         for each in self._ways:
             each.close()
         self._selector.close()
+
+    def _forget(self) -> None:
+        for each in self._ways:
+            self._selector.unregister(each)
+            each.close()
+        self._ways.clear()
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                self._listener.accept()[0].close()
+        self._forgets = False
 
     def _pass_on(self, near: socket.socket) -> None:
         far = self._ways[near]

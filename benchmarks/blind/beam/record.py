@@ -41,8 +41,8 @@ def record(
     `scenario`: beam (steel, aluminium), clearance in m, frequency in Hz, amplitude in N, sample_rate in Hz,
     settle and duration in s. `effects`: name and parameters of each, as in an effects file, or drawn from
     `MILD`, `STRONG` or `PAGES`. `built` has the last word on the rig, whose tolerances are so many times
-    `wider`. Raises ValueError for an effect that it does not know, for one of the pivot on the clamped beam,
-    and for a sample rate that is no whole part of 204.8 kHz.
+    `wider`, before the effects are in it. Raises ValueError for an effect that it does not know, for one of
+    the pivot on the clamped beam, and for a sample rate that is no whole part of 204.8 kHz.
     """
     rig_rng, run_rng = np.random.default_rng([rig_seed, 0]), np.random.default_rng([rig_seed, 1, run_seed])
     rig = _with(set_up(built(jittered(nominal(scenario), rig_rng, wider)), run_rng), effects)

@@ -57,7 +57,9 @@ def moved(crank: Crank, angle: float, step: float, count: int) -> Motion:
     angles = parts.watch_coordinates(turning)
     parts.solve(step, count)
     pin, slider = (sum((parts.stored(s)[:, :2] for s in joint), start=np.zeros(2)) for joint in watched)
-    return Motion(pin, slider, parts.stored(angles)[:, 2])
+    motion = Motion(pin, slider, parts.stored(angles)[:, 2])
+    parts.forget()
+    return motion
 
 
 def started(crank: Crank, angle: float) -> Start:

@@ -26,7 +26,7 @@ OnTheWay: TypeAlias = Callable[[dict[str, Array], float, Values, np.random.Gener
 
 STRONG = (
     outside("rod_mass", "rod", scale=either_way(0.35, 0.6)),
-    outside("crank_length", "drive", also=("joint 1",), scale=either_way(0.15, 0.3)),
+    outside("crank_length", "drive", also=("joint 1", "model"), scale=either_way(0.15, 0.3)),
     outside("oval_bearing", "joints", also=_JOINTS, joint=_ONE_OF_TWO, fraction=(0.4, 0.8)),
     outside("guide_offset", "guide", also=("piston",), offset_m=((-0.22, -0.12), (0.12, 0.22))),
     outside("air_spring", "piston", also=("guide",), stiffness_n_per_m=(1e3, 8e3)),
@@ -47,7 +47,7 @@ STRONG = (
 )  # fmt: skip
 MILD = (
     outside("rod_mass", "rod", scale=either_way(0.08, 0.2)),
-    outside("crank_length", "drive", also=("joint 1",), scale=either_way(0.03, 0.07)),
+    outside("crank_length", "drive", also=("joint 1", "model"), scale=either_way(0.03, 0.07)),
     outside("oval_bearing", "joints", also=_JOINTS, joint=_ONE_OF_TWO, fraction=(0.1, 0.25)),
     outside("guide_offset", "guide", also=("piston",), offset_m=((-0.05, -0.02), (0.02, 0.05))),
     outside("air_spring", "piston", also=("guide",), stiffness_n_per_m=(150.0, 500.0)),

@@ -155,6 +155,10 @@ class Parts:
         settings.solution.sensors.writePeriod = step
         self.mbs.SolveDynamic(settings, solverType=self.exu.DynamicSolverType.VelocityVerlet)
 
+    def forget(self) -> None:
+        """Let go of what the sensors stored, hundreds of MB, which Exudyn holds on to."""
+        self._container.Reset()
+
     def stored(self, sensor: int) -> Array:
         """What a sensor stored at each step, shape (n, columns)."""
         return np.asarray(self.mbs.GetSensorStoredData(sensor))[:, 1:]

@@ -50,7 +50,8 @@ def record(
     `scenario`: speed in rad/s, clearance_1 and clearance_2 in m, sample_rate in Hz, settle and duration in s.
     `effects` as in an effects file, of the catalogue, of MILD, STRONG or PAGES. `rig_seed` draws what belongs
     to the rig, both seeds together what is set anew for each run. `built` has the last word on the rig, whose
-    tolerances are so many times `wider`. An effect that nobody knows: ValueError.
+    tolerances are so many times `wider`, before the effects are in it. An effect that nobody knows:
+    ValueError.
     """
     refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *WIRING, *MECHANICAL, *ON_THE_WAY, *FAULTS))
     rig, run = np.random.default_rng([rig_seed, 1]), np.random.default_rng([rig_seed, run_seed, 2])
@@ -86,8 +87,8 @@ def real_rig(
 ) -> Crank:
     """The scenario's rig with `effects`, as built (`rig`) and as set for this run (`run`)."""
     crank = Crank(scenario["speed"], (scenario["clearance_1"], scenario["clearance_2"]))
-    crank = changed(crank, effects, {**CATALOGUE, **MECHANICAL})
-    return set_anew(built(toleranced(crank, rig, wider)), run)
+    real = built(toleranced(crank, rig, wider))
+    return set_anew(changed(real, effects, {**CATALOGUE, **MECHANICAL}), run)
 
 
 def oversampling(crank: Crank, sample_rate: float) -> int:

@@ -28,9 +28,9 @@ _TYPICAL_DEPTH = 3e-6
 """m, at which a contact with another exponent is as strong as the nominal one: 42 N at a point."""
 
 STRONG = (
-    outside("slider_mass", "guide", also=("joints",), scale=(1.5, 3.0)),
+    outside("slider_mass", "guide", also=("joints", "model"), scale=(1.5, 3.0)),
     outside("pin_above", "guide", also=("rod", "joints"), height_m=(1.5e-3, 4e-3)),
-    outside("crank_radius", "drive", also=("socket",), scale=(1.1, 1.25)),
+    outside("crank_radius", "drive", also=("socket", "model"), scale=(1.1, 1.25)),
     outside("tilted_stand", "base", also=("guide",), flatter_rad=(0.2, 0.45)),
     outside("socket_friction", "socket", also=("joints",), coefficient=(0.15, 0.4)),
     outside("oil_film", "socket", also=("joints",), damping_ns_per_m=(30.0, 150.0)),
@@ -45,9 +45,9 @@ STRONG = (
     *of_channels(LIVELY, True, (1.0, 4.0), (10.0, 60.0)),
 )
 MILD = (
-    outside("slider_mass", "guide", also=("joints",), scale=(1.1, 1.3)),
+    outside("slider_mass", "guide", also=("joints", "model"), scale=(1.1, 1.3)),
     outside("pin_above", "guide", also=("rod", "joints"), height_m=(3e-4, 8e-4)),
-    outside("crank_radius", "drive", also=("socket",), scale=(1.02, 1.05)),
+    outside("crank_radius", "drive", also=("socket", "model"), scale=(1.02, 1.05)),
     outside("tilted_stand", "base", also=("guide",), flatter_rad=(0.05, 0.12)),
     outside("socket_friction", "socket", also=("joints",), coefficient=(0.03, 0.08)),
     outside("oil_film", "socket", also=("joints",), damping_ns_per_m=(3.0, 10.0)),

@@ -55,8 +55,8 @@ def record(
     `scenario`: speed in rad/s, axis_angle in rad, socket_clearance and guide_clearance in m, sample_rate in
     Hz, settle and duration in s. `effects` as in an effects file, of the catalogue, of MILD, STRONG or PAGES.
     `rig_seed` draws what belongs to the rig, both seeds together what is set anew for each run. `built` has
-    the last word on the rig, whose tolerances are so many times `wider`. An effect that nobody knows:
-    ValueError.
+    the last word on the rig, whose tolerances are so many times `wider`, before the effects are in it. An
+    effect that nobody knows: ValueError.
     """
     refuse_unknown(effects, (*CATALOGUE, *CHAIN_EFFECTS, *WIRING, *MECHANICAL, *FAULTS, CROSS_TALK))
     rng, run = np.random.default_rng([rig_seed, 3]), np.random.default_rng([rig_seed, run_seed, 4])
@@ -89,8 +89,8 @@ def real_rig(
         socket_clearance=scenario["socket_clearance"],
         guide_clearance=scenario["guide_clearance"],
     )
-    rig = changed(nominal, effects, {**CATALOGUE, **MECHANICAL})
-    return set_anew(built(toleranced(rig, rng, wider)), run)
+    real = built(toleranced(nominal, rng, wider))
+    return set_anew(changed(real, effects, {**CATALOGUE, **MECHANICAL}), run)
 
 
 def steps(rig: Spatial, rate: float) -> int:

@@ -14,6 +14,7 @@ from rig.pages.words import DASH, as_written, change, counted, difference, liste
 from rig.report.crank_figures import impacts_by_group, set_rpm, speed_figures, speeds
 from rig.report.record import ORIGINS, RunRecord, Tally
 from rig.report.summary import Closeness, closeness, half_cycle_statistics, overall, warnings_passed
+from rig.twin.logged import DWELLS
 
 _ROW_PX = 44
 _CAPTION = (
@@ -50,6 +51,10 @@ def parts(run: RunRecord) -> list[Part]:
     if run.until_stop_s is not None:
         found.append(
             f"Stopped before its time, after {run.until_stop_s:.3g} s: the rest is in the log, not here."
+        )
+    if dwells := run.metadata.get("run", {}).get(DWELLS):
+        found.append(
+            f"Recorded at several speeds ({dwells}): figures are of all of it, the ways between included."
         )
     if not any(origin == "predicted" for origin, _ in run.tallies):
         found.append("The log holds no prediction.")

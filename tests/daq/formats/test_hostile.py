@@ -7,6 +7,7 @@ import struct
 import time
 import zipfile
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from daq.block import SampleBlock, sample_time_ns
 from daq.channel import Channel
 from daq.errors import LogError
 from daq.formats import FORMATS
+from daq.formats.dataset_58 import TIME_RESPONSE, Function, end, header
 from daq.formats.recording import Recording, TimeBase, read_log
 from daq.formats.samples import Scratch
 from daq.formats.tables import KINDS, other_rates, tables_of
@@ -153,6 +155,59 @@ def test_a_bomb_is_refused_before_it_is_unpacked(
     with pytest.raises(LogError, match=ODD):
         read(path, scratch)
     assert time.process_time() - begun < 5.0 * slowness()
+
+
+def claims() -> bytes:
+    """The head of a .npy file of 8 TB."""
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        head, {"descr": "<f8", "fortran_order": False, "shape": (1_000_000_000_000,)}
+    )
+    return head.getvalue()
+
+
+def npy_that_claims_more(path: Path) -> None:
+    path.write_bytes(claims() + bytes(800))
+
+
+def npz_that_claims_more(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("x.npy", claims() + bytes(800))
+
+
+def uff_that_claims_more(path: Path) -> None:
+    function = Function(("x",), TIME_RESPONSE, 1, 999_999_999, 0.0, 1e-3, 12, "acceleration", "m/s2")
+    path.write_bytes(header(function, np.dtype(np.float32)) + bytes(800) + end())
+
+
+def uff_of_empty_datasets(path: Path) -> None:
+    function = Function(("x",), TIME_RESPONSE, 1, 0, 0.0, 1e-3, 12, "acceleration", "m/s2")
+    path.write_bytes((header(function, np.dtype(np.float32)) + end()) * 4_000)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "write"),
+    [("npy", npy_that_claims_more), ("npz", npz_that_claims_more), ("uff", uff_that_claims_more)],
+)
+def test_what_claims_more_than_it_holds_is_refused(
+    suffix: str, write: Callable[[Path], None], tmp_path: Path, scratch: Scratch
+) -> None:
+    path = tmp_path / f"claims.{suffix}"
+    write(path)
+    with bounded(), pytest.raises(LogError, match=rf"^{path}: "):
+        read(path, scratch)
+
+
+def test_universal_files_of_many_datasets_take_no_more_than_their_size(
+    tmp_path: Path, scratch: Scratch
+) -> None:
+    path = tmp_path / "many.uff"
+    uff_of_empty_datasets(path)
+    with bounded():
+        read(path, scratch)
+    begun = time.process_time()
+    read(path, scratch)
+    assert time.process_time() - begun < slowness() * path.stat().st_size / (1 << 20)
 
 
 @pytest.mark.parametrize("columns", [3000, 100_000])

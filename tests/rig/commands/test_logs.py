@@ -27,6 +27,8 @@ from tests.daq.log.logs import START_NS, block, write_foreign, write_ramp
 from tests.rig.commands.cli import Call
 from tests.rig.synthetic_run import SCENARIO, write_log
 
+ZSTANDARD = bytes.fromhex("28b52ffd")
+"""With which a compressed chunk's content begins."""
 ACQUISITION = '[acquisition]\nsample_rate = "1 kHz"\nduration = "7 s"\n'
 
 
@@ -157,6 +159,16 @@ def test_recovery_that_lacks_samples_exits_3_and_says_how_many(call: Call, tmp_p
     verified = json.loads(call("verify", tmp_path / "rest.mcap", "--json").out)
     there = sum(topic["samples"] for topic in verified["topics"])
     assert (verified["sound"], there + int(lost), int(lost) > 0) == (True, 6000, True)
+
+
+def test_recovery_that_lacks_samples_exits_3_also_where_nothing_had_a_checksum(
+    call: Call, tmp_path: Path
+) -> None:
+    path = write_foreign(tmp_path / "log.mcap")
+    path.write_bytes(path.read_bytes().replace(ZSTANDARD, bytes(4), 1))
+    answer = call("recover", path, "-o", tmp_path / "rest.mcap")
+    assert answer.code == 3
+    assert "100 samples were lost" in answer.out
 
 
 def test_who_reads_a_damaged_log_is_told_what_to_do(call: Call, tmp_path: Path) -> None:

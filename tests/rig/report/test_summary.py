@@ -8,10 +8,11 @@ from daq.errors import LogError
 from daq.log.records import Event, Gap
 from daq.log.writer import LogWriter
 from rig.derived.settings import RECORD, STOPPED
-from rig.pages.content import BigNumbers, Table
+from rig.pages.content import BigNumbers, Sentence, Table
 from rig.report.record import Verdict, read_run
 from rig.report.sections.summary import parts as summary_parts
 from rig.report.summary import as_json, half_cycle_statistics
+from rig.twin.logged import DWELLS
 from tests.rig.synthetic_run import CHANNELS, PEAK_N, START_NS, blocks, damaged, write_log
 
 
@@ -125,6 +126,12 @@ def test_a_log_without_a_sample_has_no_numbers(tmp_path: Path) -> None:
     run = read_run(write_log(tmp_path / "run.mcap", seconds=0.0))
     assert run.duration_s == 0.0
     assert run.measured == {}
+
+
+def test_a_record_at_several_speeds_says_of_what_its_figures_are(tmp_path: Path) -> None:
+    run = read_run(write_log(tmp_path / "run.mcap", bench={DWELLS: "40, 200 rpm, 3 s each"}))
+    told = [part.text for part in summary_parts(run) if isinstance(part, Sentence)]
+    assert any("several speeds (40, 200 rpm, 3 s each): figures are of all of it" in text for text in told)
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
