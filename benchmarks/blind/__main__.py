@@ -20,9 +20,9 @@ from benchmarks.blind.command import end_with_children
 from benchmarks.blind.engines import engines
 from benchmarks.blind.kept import keep, restore
 from benchmarks.blind.make import discard_logs, is_recorded, make
-from benchmarks.blind.runner import CALIBRATED, diagnose_all, program_digest, was_stopped
-from benchmarks.blind.score import measure_gaps, measure_truths, score
-from benchmarks.blind.seal import SealBroken, sealed, unseal
+from benchmarks.blind.runner import CALIBRATED, diagnose_all, forget, program_digest, was_stopped
+from benchmarks.blind.score import is_measured, measure_gaps, measure_truths, score
+from benchmarks.blind.seal import SealBroken, frozen_of, sealed, unseal
 from benchmarks.blind.sets import RIGS, SETS
 from benchmarks.kept_results import Results, commit
 
@@ -45,8 +45,9 @@ def main() -> int:
         part = chosen(campaigns, arguments.sets, arguments.rigs, arguments.share, arguments.each)
         if step == "make":
             make(folder, campaigns, part)
+            met = all(is_recorded(folder, campaigns, each) for each in part)
         if step == "diagnose":
-            names = arguments.only or [each.name for each in part]
+            names = arguments.only or [each.name for each in part if is_recorded(folder, campaigns, each)]
             diagnose_all(folder, names, arguments.budget, arguments.effort)
         if step == "all":
             _by_parts(arguments, campaigns, part)
@@ -63,17 +64,24 @@ def main() -> int:
 def _by_parts(arguments: argparse.Namespace, campaigns: Sequence[Campaign], part: Sequence[Campaign]) -> None:
     folder, seed = arguments.folder, arguments.seed
     results = None if arguments.results is None else Results(arguments.results, program_digest())
+    if results is not None and frozen_of(folder).program_sha256 != results.digest:
+        raise SealBroken(f"{folder} was begun by another program; name another folder")
     left = [each for each in part if results is None or not restore(folder, seed, each, results)]
     left = left[: arguments.more]
     for first in range(0, len(left), _AT_ONCE):
         some = left[first : first + _AT_ONCE]
         make(folder, campaigns, some)
-        some = [each for each in some if is_recorded(folder, each)]
+        some = [each for each in some if is_recorded(folder, campaigns, each)]
         diagnose_all(folder, [each.name for each in some], arguments.budget, arguments.effort)
         measure_gaps(folder, some)
         for each in some:
-            stopped = any(was_stopped(folder, each.name + look) for look in ("", CALIBRATED))
-            if results is not None and not stopped:
+            stopped = [look for look in ("", CALIBRATED) if was_stopped(folder, each.name + look)]
+            for look in stopped:
+                forget(folder, each.name + look)
+            if stopped or not is_measured(folder, each):
+                print(f"{each.name} is not done; another call tries it again", flush=True)
+                continue
+            if results is not None:
                 keep(folder, seed, each, results)
             if arguments.discard_logs:
                 discard_logs(folder, each)

@@ -68,6 +68,8 @@ def _calibrated(folder: Path, name: str, runs: Sequence[str], options: Sequence[
         began = time.monotonic()
         logs = [str(log) for run in runs for log in logs_of(folder, run)]
         cost = rattle(("calibrate", *logs, *options, "-o", str(model)), done.with_suffix(".txt"), _LONGEST_S)
+        if cost.exit_code is not None and cost.exit_code < 0:
+            raise RuntimeError(f"the calibration of {name} was ended by signal {-cost.exit_code}")
         done.write_text(json.dumps(asdict(cost)))
         state = "" if cost.exit_code == 0 else f"  FAILED (exit code {cost.exit_code})"
         print(f"calibrated by {', '.join(runs)}: {time.monotonic() - began:.0f} s{state}", flush=True)

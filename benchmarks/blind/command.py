@@ -10,13 +10,16 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import psutil
 
 ROOT = Path(__file__).parents[2]
 _LOOK_S = 2.0
+_FAILED, _KILLED = 1, -int(signal.SIGKILL)
+_WORKER_DIED = "a worker process died"
+"""What `rattle` says where one that works for it was killed, as for want of memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +33,19 @@ class Spent:
 
 
 def end_with_children() -> None:
-    """Have this program, when it is told to terminate, leave by its ends, which stop what it runs."""
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    """Have this program, when it is told to end, leave by its ends, which stop what it runs."""
+    for each in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(each, lambda number, _: sys.exit(128 + number))
 
 
 def rattle(arguments: Sequence[str], output: Path, limit_s: float) -> Spent:
-    """Run a command; what it says goes to `output`. It is stopped, with all it started, after `limit_s`."""
-    return run([sys.executable, "-m", "rig.start", *arguments], output, limit_s)
+    """Run a command; what it says goes to `output`. It is stopped, with all it started, after `limit_s`.
+
+    Its exit code is that of one that was killed where something that works for it was.
+    """
+    spent = run([sys.executable, "-m", "rig.start", *arguments], output, limit_s)
+    killed = spent.exit_code == _FAILED and _WORKER_DIED in output.read_text(errors="replace")
+    return replace(spent, exit_code=_KILLED) if killed else spent
 
 
 def run(command: Sequence[str], output: Path, limit_s: float) -> Spent:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
@@ -31,9 +32,13 @@ def make(folder: Path, campaigns: Sequence[Campaign], part: Sequence[Campaign]) 
             print(f"recorded {name} ({done} of {len(todo)})", flush=True)
 
 
-def is_recorded(folder: Path, campaign: Campaign) -> bool:
-    """Whether all logs of a campaign are there."""
-    return all((folder / "logs" / campaign.name / name).exists() for name in run_names(campaign))
+def is_recorded(folder: Path, campaigns: Sequence[Campaign], campaign: Campaign) -> bool:
+    """Whether all logs of a campaign are there, and of what it is calibrated by."""
+    return all(
+        (folder / "logs" / each.name / name).exists()
+        for each in (campaign, *references_of(campaigns, [campaign]))
+        for name in run_names(each)
+    )
 
 
 def discard_logs(folder: Path, campaign: Campaign) -> None:
@@ -55,12 +60,14 @@ def workers() -> Iterator[ProcessPoolExecutor]:
 
 def each_done(pool: Executor, work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
     """Results as they come; of work that fails what it raised is printed, and the others go on."""
-    for future in as_completed([pool.submit(work, item) for item in items]):
+    asked = {pool.submit(work, item): item for item in items}
+    for future in as_completed(asked):
         try:
             found = future.result()
         except BrokenProcessPool:
             raise
         except Exception:  # one campaign of hundreds
+            print(f"failed: {asked[future]}", file=sys.stderr)
             traceback.print_exc()
         else:
             yield found

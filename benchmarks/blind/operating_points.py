@@ -50,7 +50,7 @@ def points(rig: str, runs: int, rng: np.random.Generator, beam: str = "steel") -
 
 
 def longest(point: PointOfRun) -> PointOfRun:
-    """The same for as long as any run lasts: 19 whole cycles at the least."""
+    """The same for as long as any run lasts: 18 whole cycles at the least."""
     return {**point, "duration": _DURATION_S[1]}
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
 
 from benchmarks.blind.calibration import logs_of, model_of, references
@@ -26,8 +26,8 @@ _BESIDE = tuple(f"rig/rigs/{rig}.toml" for rig in RIGS)
 _LONGEST_S = 3600.0
 """A diagnosis that hangs is stopped; load by others alone makes no miss."""
 CALIBRATED = "_calibrated"
-NO_MODEL = -1
-"""Exit code of a diagnosis where there was no model to diagnose by; those below are signals."""
+NO_MODEL = 1000
+"""In place of an exit code where there was no model to diagnose by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +82,14 @@ def cost_of(folder: Path, name: str) -> Cost | None:
 
 
 def was_stopped(folder: Path, name: str) -> bool:
-    """Whether a diagnosis ended by a signal, as for want of memory, or went on for too long."""
+    """Whether a diagnosis ended by a signal, as for want of memory."""
     cost = cost_of(folder, name)
-    return cost is not None and (cost.exit_code is None or cost.exit_code < NO_MODEL)
+    return cost is not None and cost.exit_code is not None and cost.exit_code < 0
+
+
+def forget(folder: Path, name: str) -> None:
+    """Have a diagnosis done anew."""
+    shutil.rmtree(_out(folder, name), ignore_errors=True)
 
 
 def diagnosis_file(folder: Path, name: str) -> Path:
@@ -97,7 +102,6 @@ def effects_file(folder: Path, name: str) -> Path:
     return _out(folder, name) / "effects.json"
 
 
-@cache
 def program_digest() -> str:
     """Of all that an answer, and what it is held against, hang on, so that a change between two shows."""
     return made_by(_HANGS_ON, _BESIDE)

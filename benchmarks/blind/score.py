@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -37,6 +38,15 @@ def measure_gaps(folder: Path, campaigns: Sequence[Campaign]) -> None:
     _all_gaps(folder, [campaign for campaign in campaigns if hides(campaign)], _gaps_of)
 
 
+def is_measured(folder: Path, campaign: Campaign) -> bool:
+    """Whether all gaps are known that a score needs of a campaign that was diagnosed."""
+    if not hides(campaign):
+        return True
+    return known_gaps(folder, campaign) is not None and (
+        _only_truth(campaign) or answer_is_measured(folder, campaign)
+    )
+
+
 def score(folder: Path, campaigns: Sequence[Campaign], quick: bool = False) -> bool:
     """Print the figures, write score.json and score.txt; returns whether the frozen program met every bar.
 
@@ -53,6 +63,10 @@ def score(folder: Path, campaigns: Sequence[Campaign], quick: bool = False) -> b
     }
     asked = [each for each in campaigns if hides(each) and (each.name, "") in costs]
     gaps = _known_gaps(folder, asked) if quick else _all_gaps(folder, asked, _gaps_of)
+    if unknown := [each.name for each in asked if each.name not in gaps]:
+        print(
+            f"no gap is known of {', '.join(unknown)}: they count as shown, and in no shrink", file=sys.stderr
+        )
     cases = _judged_held_out(
         [
             _case(folder, each, look, gaps.get(each.name), costs[each.name, look])
@@ -133,11 +147,7 @@ def _only_truth(campaign: Campaign) -> bool:
 
 
 def _known_gaps(folder: Path, campaigns: Sequence[Campaign]) -> dict[str, Gaps]:
-    return {
-        each.name: _gaps_of(folder, each)
-        for each in campaigns
-        if known_gaps(folder, each) is not None and (_only_truth(each) or answer_is_measured(folder, each))
-    }
+    return {each.name: _gaps_of(folder, each) for each in campaigns if is_measured(folder, each)}
 
 
 def _judged_held_out(cases: Sequence[Case]) -> list[Case]:

@@ -9,8 +9,9 @@ others, with and without what `rattle calibrate --spread` learnt of five others.
 
 Every rig's result is a file in benchmarks/measured/identified, with the commit and a digest of what of the
 program its step hangs on, and of the truth engines: those of one digest add up, over seeds too, and what is
-there is not done again. A search that was stopped begins anew, so that its time is all of it, and what ends
-otherwise than by an answer or a refusal is told and not kept. `score` prints what they come to, and how many
+there is not done again. A search that was stopped begins anew, so that its time is all of it; one that
+takes longer than 20 minutes is a refusal. What ends otherwise, by a signal or an error of the program, is
+told and not kept. `score` prints what they come to, and how many
 of other digests it leaves out. The gap afterwards is at most its bar where that of every rig is that was not
 refused, and one that could not be measured is not; no rig may be refused, and none may take longer than its
 bar says. Returns 1 where a figure misses its bar, or a kind of rig has less than twenty results of a step.
@@ -57,9 +58,15 @@ def main(arguments: list[str] | None = None) -> int:
     open_ones = [case for case in every if case.found(asked.step) is None]
     if asked.step == "effects":  # in rigs that were looked for
         open_ones = [case for case in open_ones if case.found("rigs") is not None]
-    for case in open_ones[: asked.more]:
+    done = 0
+    for case in open_ones:
+        if done >= asked.more:
+            break
+        if results_in(asked.results)[asked.step].digest != results[asked.step].digest:
+            raise SystemExit("the program has changed since this began")
         try:
             STEPS[asked.step](case)
+            done += 1
         except Exception:  # one of sixty
             traceback.print_exc()
     return 0 if score(results) else 1

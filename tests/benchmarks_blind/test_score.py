@@ -352,7 +352,7 @@ def test_what_a_failed_diagnosis_said_last_is_kept(tmp_path: Path) -> None:
     assert kept["files"][f"diagnoses/{CAMPAIGNS[0].name}/output.txt"].endswith("no whole cycle")
 
 
-@pytest.mark.parametrize(("code", "stopped"), [(0, False), (1, False), (-1, False), (-9, True)])
+@pytest.mark.parametrize(("code", "stopped"), [(0, False), (1, False), (runner.NO_MODEL, False), (-9, True)])
 def test_what_a_signal_ended_is_no_answer(tmp_path: Path, code: int, stopped: bool) -> None:
     _write(tmp_path, "c000", {}, exit_code=code)
     assert runner.was_stopped(tmp_path, "c000") == stopped
@@ -368,9 +368,11 @@ def test_a_campaign_that_was_kept_is_not_done_again(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(blind, "make", lambda *_: None)
     monkeypatch.setattr(blind, "is_recorded", lambda *_: True)
+    frozen = Frozen("abc", runner.program_digest(), 5)
     monkeypatch.setattr(blind, "measure_gaps", lambda *_: None)
     monkeypatch.setattr(blind, "diagnose_all", diagnose)
     for machine, more in (("one", 1), ("another", 2)):
+        seal(tmp_path / machine, CAMPAIGNS, frozen)
         asked = argparse.Namespace(
             folder=tmp_path / machine, seed=5, results=tmp_path / "kept", more=more,
             budget=None, effort=1.0, discard_logs=False,
@@ -378,6 +380,41 @@ def test_a_campaign_that_was_kept_is_not_done_again(tmp_path: Path, monkeypatch:
         blind._by_parts(asked, CAMPAIGNS, CAMPAIGNS)
     assert done == [each.name for each in CAMPAIGNS]
     assert runner.cost_of(tmp_path / "another", CAMPAIGNS[0].name) is not None
+
+
+@pytest.mark.parametrize("ended", ["killed", "no gap", "whole"])
+def test_what_is_not_done_is_neither_kept_nor_discarded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ended: str
+) -> None:
+    hidden, discarded = campaign("single", CLEARANCE, name="c003"), list[str]()
+
+    def diagnose(folder: Path, names: list[str], *_: object) -> None:
+        code = -9 if ended == "killed" else 0
+        _write(folder, names[0], _diagnosis(0.0, 0.0, 1.0), code, program=runner.program_digest())
+        if ended != "no gap":
+            gaps._write(gaps._gaps_file(folder, hidden), {"before": 3.0, "oracle": 1.0})
+
+    monkeypatch.setattr(blind, "make", lambda *_: None)
+    monkeypatch.setattr(blind, "is_recorded", lambda *_: True)
+    monkeypatch.setattr(blind, "measure_gaps", lambda *_: None)
+    monkeypatch.setattr(blind, "diagnose_all", diagnose)
+    monkeypatch.setattr(blind, "discard_logs", lambda _, each: discarded.append(each.name))
+    seal(tmp_path / "check", [hidden], Frozen("abc", runner.program_digest(), 5))
+    asked = argparse.Namespace(
+        folder=tmp_path / "check", seed=5, results=tmp_path / "kept", more=None,
+        budget=None, effort=1.0, discard_logs=True,
+    )  # fmt: skip
+    blind._by_parts(asked, [hidden], [hidden])
+    kept = Results(tmp_path / "kept", runner.program_digest()).every("*")
+    assert (len(kept), discarded) == ((1, ["c003"]) if ended == "whole" else (0, []))
+    assert (runner.cost_of(tmp_path / "check", "c003") is None) == (ended == "killed")
+
+
+def test_a_folder_of_another_program_is_refused_before_any_work(tmp_path: Path) -> None:
+    seal(tmp_path / "check", CAMPAIGNS, FROZEN)
+    asked = argparse.Namespace(folder=tmp_path / "check", seed=5, results=tmp_path / "kept")
+    with pytest.raises(SealBroken, match="begun by another program"):
+        blind._by_parts(asked, CAMPAIGNS, CAMPAIGNS)
 
 
 def test_campaigns_are_drawn_once_for_the_program_that_was_there(

@@ -161,4 +161,4 @@ class Parts:
 
     def stored(self, sensor: int) -> Array:
         """What a sensor stored at each step, shape (n, columns)."""
-        return np.asarray(self.mbs.GetSensorStoredData(sensor))[:, 1:]
+        return np.array(self.mbs.GetSensorStoredData(sensor))[:, 1:]
