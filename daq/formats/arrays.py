@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from math import prod
 from pathlib import Path
 from typing import IO, Any, BinaryIO
+from zipfile import is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,6 +125,9 @@ def named(path: Path, file: BinaryIO) -> Iterator[tuple[str, NDArray[Any]]]:
     head = file.read(len(np.lib.format.MAGIC_PREFIX))
     file.seek(0)
     if head != np.lib.format.MAGIC_PREFIX:
+        if not is_zipfile(file):
+            raise LogError("neither an array of NumPy nor a .npz of several")
+        file.seek(0)
         allowance = Allowance(path, file.fileno())
         with np.load(file, allow_pickle=False) as several:
             for each in several.zip.infolist():

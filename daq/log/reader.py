@@ -28,7 +28,7 @@ from daq.errors import DAMAGED, LogError
 from daq.log import codec
 from daq.log.chunks import IndexedChunks, OpenedChunk, open_chunk
 from daq.log.front import ANOTHER, check_data, library_of, metadata_and_chunks, read_summary
-from daq.log.records import RECORD_END, STOPPING, ClockRecord, Event, Gap, Impact
+from daq.log.records import ENDS, RECORD_END, STOPPING, ClockRecord, Event, Gap, Impact
 
 _Kind = TypeVar("_Kind", Event, Gap, ClockRecord, Impact)
 Origin = Literal["measured", "nominal", "predicted/surrogate", "predicted", "derived"]
@@ -77,7 +77,9 @@ class LogReader:
     """A log opened for reading.
 
     `complete` is False where the writer never finished: then the file is read from its front, chunk by chunk,
-    also behind damage. `damage` says what was found wrong first, `damaged_at` from which byte on, if known.
+    also behind damage. `damage` says what was found wrong first, `damaged_at` from which byte on, if known;
+    `whole_to_its_end` where only what comes behind all that was recorded is damaged. `ends` is what one that
+    was finished says of where each topic of samples ends.
     `passing` hears up to which byte, about, messages have been read.
     """
 
@@ -86,6 +88,8 @@ class LogReader:
         self.complete = False
         self.damage = ""
         self.damaged_at: int | None = None
+        self.ends: dict[str, str] = {}
+        self.whole_to_its_end = False
         self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
         self._topics: dict[str, dict[str, str]] = {}
@@ -328,6 +332,7 @@ class LogReader:
             channel = self._channel(record)
             self._topics[channel.topic] = channel.metadata
             self._channel_names[channel.id] = channel.topic
+        self.ends = summary.metadata.pop(ENDS, {})
         self.metadata = summary.metadata
         self._indexed = IndexedChunks(self._file.fileno(), summary.chunks, self.sealed)
         self.complete = True
@@ -356,7 +361,10 @@ class LogReader:
         self._topics, self._channel_names, allowance = {}, {}, self.allowance()
         for record in metadata_and_chunks(self._file.fileno(), self.allowance(), self._note):
             if isinstance(record, Metadata):
-                self.metadata[record.name] = record.metadata
+                if record.name == ENDS:
+                    self.ends, self.whole_to_its_end = record.metadata, not self.damage
+                else:
+                    self.metadata[record.name] = record.metadata
                 continue
             try:
                 _, channels = self._opened(partial(open_chunk, record, allowance, self.sealed))

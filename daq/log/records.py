@@ -16,6 +16,8 @@ channel has passed what only warns."""
 CALIBRATED, SENSITIVITY, RANGE = "calibrated.", "sensitivity.", "range."
 """Of a sensor: so begin its keys in the `run` record, before the channel's name; V per unit, full scale."""
 
+ENDS = "ends"
+"""The last metadata record of a log that was finished: of each topic of samples, where it ends."""
 CHECKSUM_OPCODE = 0x80
 """A record of our own after the head, each metadata record and each chunk: CRC-32 of all before it.
 MCAP leaves 0x80 to 0xFF to programs."""

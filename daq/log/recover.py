@@ -15,16 +15,16 @@ from typing import get_args
 from daq.block import LATEST, NS_PER_S, SampleBlock
 from daq.errors import LogError, RecorderFailed
 from daq.log.codec import decode_block, decode_record
-from daq.log.front import CUT
+from daq.log.front import ANOTHER, CUT
 from daq.log.reader import LogReader, Origin, origin_and_name
 from daq.log.records import Gap
 from daq.log.writer import LogWriter
 
 LOST, UNWRITTEN = "lost in a damaged log", "not written before the log was cut"
-RECOVERED = "recovered"
-"""The metadata record in which a recovered log says what it comes from."""
+RECOVERED, EVERYTHING = "recovered", "everything"
+"""The metadata record in which a recovered log says what it comes from; where only the rest was damaged."""
 _WHOLE_NUMBER = re.compile("[0-9]{1,40}")
-_UNCHECKED, _LEFT_OUT = "unchecked", "left_out"
+_UNCHECKED, _LEFT_OUT, _ALL_TOLD = "unchecked", "left_out", "all_told"
 """Of its keys."""
 _SOONER, _SOONER_S = 0.25, 0.025
 """Of a block, and s at most: by so much less than a block after the last one the next was due."""
@@ -80,11 +80,15 @@ class LogReport:
     """The same of the log that this one was recovered from."""
     left_out: tuple[str, ...] = ()
     """Topics of that log which are none of the format's."""
+    all_told: str = ""
+    """"samples" where that log says where each topic ended, so that `lost` is all; "everything" where nothing
+    else is missing either."""
 
     @property
     def whole(self) -> bool:
         """True if a recovered log lacks nothing but what was never written."""
-        return not self.lost and not self.untold and self.recovered_from in ("", CUT)
+        unharmed = self.recovered_from in ("", CUT) or self.all_told == EVERYTHING
+        return not self.lost and not self.untold and unharmed
 
     @property
     def sound(self) -> bool:
@@ -111,7 +115,7 @@ def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> L
     with LogReader(path) as log:
         log.passing = passing
         try:
-            for message in log.messages():
+            for message in log.messages(skip_damaged=True):
                 account = state.setdefault(message.topic, _Account())
                 account.add(message.topic, message.sequence, message.data)
             log.passing = lambda _: None
@@ -148,6 +152,7 @@ def verify_log(path: Path, passing: Callable[[int], None] = lambda _: None) -> L
             unchecked,
             before,
             left_out,
+            origin.get(_ALL_TOLD, ""),
         )
 
 
@@ -230,10 +235,11 @@ def recover_log(
 ) -> LogReport:
     """Copy what is whole of `damaged` to the new file `recovered`, then verify what was written.
 
-    Samples that were lost are in its gap ledger, and counted in the report: those in between, and those of
-    topics that end before others do. How many came after the last that could be read of all, no file tells:
-    `recovered_from` says whether it was only cut there, and `untold` of which topics none was left. Topics
-    that are none of the format's are `left_out`. `passing` hears how many bytes have been copied; `by` is
+    Samples that were lost are in its gap ledger, and counted in the report: those in between, and at the end
+    what a log that was finished says of it; of another those of topics that end before others do. How many
+    came after the last that could be read of all, that does not tell: `recovered_from` says whether it was
+    only cut there, and `untold` of which topics none was left. Topics that are none of the format's are
+    `left_out`. `passing` hears how many bytes have been copied; `by` is
     what the copy says of the program that made it.
     """
     with LogReader(damaged, passing) as log:
@@ -252,13 +258,17 @@ def recover_log(
                     writer.register(topic, schema, log.topic_metadata()[topic])
                 lost, lasts = _copied(log, topics, writer)
                 unchecked = 0 if log.sealed else log.check_frame()
-                cause = UNWRITTEN if log.damage == CUT else LOST
-                behind = _due(log, lasts, writer, cause) if log.damage else 0
-                lost += behind if cause == LOST else 0
+                cause, ends = UNWRITTEN if log.damage == CUT else LOST, _ends_of(log, topics)
+                if log.damage:
+                    at_end = _due(log, lasts, writer, cause) if not ends else _missing(ends, lasts, writer)
+                    lost += at_end if cause == LOST else 0
                 without = [each for each in topics if each.startswith(_SAMPLE_TOPICS) and each not in lasts]
-                untold = log.may_hold(without) if cause == LOST else []
+                untold = log.may_hold(without) if cause == LOST and not ends else []
                 left_out = [topic for topic in log.topic_metadata() if topic not in topics]
                 record = origin_record(log, lost, untold, unchecked, left_out)
+                if ends and log.damage:
+                    nothing_else = log.whole_to_its_end and ANOTHER not in log.damage
+                    record[_ALL_TOLD] = EVERYTHING if nothing_else else "samples"
                 writer.add_metadata(RECOVERED, {**record, **by})
                 writer.close()
             except BaseException:  # one that lacks the rest would look as if it were whole
@@ -269,6 +279,24 @@ def recover_log(
         except RecorderFailed as error:
             raise LogError(str(error)) from error
         return verify_log(recovered)
+
+
+def _ends_of(log: LogReader, topics: Collection[str]) -> dict[str, int]:
+    """Where a log that was finished says that each topic of samples ends; nothing of another."""
+    return {topic: _whole_number(log.ends, topic) for topic in topics if topic in log.ends}
+
+
+def _missing(ends: Mapping[str, int], lasts: Mapping[str, tuple[int, SampleBlock]], writer: LogWriter) -> int:
+    """Make gaps of what topics lack before they end; returns how many samples."""
+    latest_ns, missing = max((log_ns for log_ns, _ in lasts.values()), default=0), 0
+    for topic, told in ends.items():
+        log_ns, block = lasts.get(topic, (latest_ns, None))
+        end, before = min(told, LATEST - 1), block.end_sample if block else 0
+        whose, name = origin_and_name(topic)
+        if whose and end > before:
+            writer.due(whose, name, end, log_ns, LOST)
+            missing += end - before
+    return missing
 
 
 def _due(log: LogReader, lasts: Mapping[str, tuple[int, SampleBlock]], writer: LogWriter, cause: str) -> int:

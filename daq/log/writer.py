@@ -22,7 +22,7 @@ from daq.disk import sync_folder
 from daq.errors import RecorderFailed
 from daq.log import codec
 from daq.log.codec import embedded_schema
-from daq.log.records import CHECKSUM_OPCODE, ClockRecord, Event, Gap, Impact
+from daq.log.records import CHECKSUM_OPCODE, ENDS, ClockRecord, Event, Gap, Impact
 
 QUIET_S = 0.02  # nothing comes for so long once a block of every channel has
 CHUNK_S, _APART_S = 0.15, 0.09
@@ -209,6 +209,7 @@ class LogWriter:
             if self._failed is None:
                 self._close_tails()
                 self._end_chunk()
+                self.add_metadata(ENDS, {topic: str(end) for topic, end in self._next_sample.items()})
                 self.sync()  # what says that the log is whole comes when all of it is there
                 self._writer.finish()
                 self._file.flush()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from daq.errors import ConfigurationError, RattleError
+from daq.errors import ConfigurationError, LogError, RattleError
 from rig.commands.arguments import EffectsFile, Json, Live, Model, RunFile, print_json
 from rig.session.pace import Work, reading
 from rig.session.progress import MEGABYTES, Screen, Terminal
@@ -106,7 +106,7 @@ def recover(
     with _read("recovering", log, screen) as passing:
         report = recover_log(log, out, passing, software())
     if not report.whole:
-        screen.say(f"{report.lost} samples were lost, and what may have come after them")
+        screen.say(_lost(report))
     if report.left_out:
         screen.say(f"left out   {', '.join(report.left_out)}: none of rattle's topics")
     _show(report, as_json=False)
@@ -114,6 +114,14 @@ def recover(
         raise typer.Exit(_LOST)
     if not report.sound:
         raise typer.Exit(_UNSOUND)
+
+
+def _lost(report: LogReport) -> str:
+    """What is missing of a log that was not only cut."""
+    lost = f"{report.lost} samples were lost" if report.lost else "no sample was seen to be lost"
+    if report.all_told:
+        return f"{lost}; something else at the damage may be" if not report.lost else lost
+    return f"{lost}; how many came after the damage, nothing tells"
 
 
 def _show(report: LogReport, as_json: bool) -> None:
@@ -132,9 +140,10 @@ def _show(report: LogReport, as_json: bool) -> None:
         screen = Screen(Terminal())
         screen.console.print(table)
         with LogReader(report.path) as log:
-            for gap in log.gaps():
-                whose = f"{gap.origin} {gap.channel}".strip()
-                screen.say(f"gap: {whose}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
+            with suppress(LogError):  # in a damaged chunk, which the verdict tells
+                for gap in log.gaps():
+                    whose = f"{gap.origin} {gap.channel}".strip()
+                    screen.say(f"gap: {whose}, {gap.count} samples from {gap.first_sample}: {gap.cause}")
             screen.say(f"{report.path}: {_verdict(report, log)}")
 
 

@@ -137,7 +137,7 @@ class DrivenRig:
 
         @stack.push
         def tell_of_partial(kind: object, error: object, trace: object) -> None:
-            if kind is not None:
+            if kind is not None and log.exists():
                 self.screen.say(f"log so far {log}")
 
         self.recorder = stack.enter_context(Recorder(LogWriter(log, opened=disk), self.clock))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from daq.log.recover import RECOVERED
 from rig.pages.content import BigNumber, BigNumbers, Lead, Part, Sentence, Table
 from rig.pages.plots import FROM_ZERO, Plots
 from rig.pages.words import DASH, as_written, change, counted, difference, listed, number, spread
@@ -48,6 +49,8 @@ def parts(run: RunRecord) -> list[Part]:
     found = []
     if not run.complete:
         found.append("The log was never finished (a crash). It is read up to its last whole chunk.")
+    if damage := run.metadata.get(RECOVERED, {}).get("damage"):
+        found.append(f"This is what could be recovered of a run whose log was damaged or cut: {damage}.")
     if run.until_stop_s is not None:
         found.append(
             f"Stopped before its time, after {run.until_stop_s:.3g} s: the rest is in the log, not here."

@@ -6,7 +6,7 @@ import random
 import resource
 import signal
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
@@ -151,7 +151,7 @@ def test_one_damaged_chunk_costs_only_itself(
 
 @pytest.mark.parametrize("crashed", [False, True], ids=["with its summary", "without"])
 def test_a_channel_of_which_nothing_is_left_is_named(tmp_path: Path, crashed: bool) -> None:
-    """Its only reading lay in the chunk that is damaged; nothing tells its rate."""
+    """Its only reading lay in the chunk that is damaged; what was finished says how many it had."""
     path = tmp_path / "log.mcap"
     with LogWriter(path) as writer:
         for name in ("a", "slow", "silent"):
@@ -166,7 +166,34 @@ def test_a_channel_of_which_nothing_is_left_is_named(tmp_path: Path, crashed: bo
     report = recover_log(path, tmp_path / "recovered.mcap")
     assert report.sound
     assert not report.whole
-    assert set(report.untold) == {"/measured/slow", *(["/measured/silent"] if crashed else [])}
+    assert set(report.untold) == ({"/measured/slow", "/measured/silent"} if crashed else set())
+    with LogReader(tmp_path / "recovered.mcap") as log:
+        gaps = [(gap.channel, gap.first_sample, gap.count, gap.cause) for gap in log.gaps()]
+    assert (("slow", 0, BLOCK, LOST) in gaps) != crashed
+
+
+def test_what_lay_at_the_end_of_a_finished_log_is_counted(ramp: Path, tmp_path: Path) -> None:
+    content = bytearray(ramp.read_bytes())
+    begin, end = chunks_of(ramp)[-1]
+    content[(begin + end) // 2] ^= 0x80
+    (tmp_path / "log.mcap").write_bytes(content)
+    report = recover_log(tmp_path / "log.mcap", tmp_path / "recovered.mcap")
+    whole = {topic.topic: topic.samples for topic in verify_log(ramp).topics}
+    left = {topic.topic: topic.samples for topic in report.topics}
+    assert report.lost == sum(whole.values()) - sum(left.values()) > 0
+    assert (report.sound, report.whole, report.all_told) == (True, False, "samples")
+    with LogReader(tmp_path / "recovered.mcap") as log:
+        assert sum(gap.count for gap in log.gaps()) == report.lost
+
+
+@pytest.mark.parametrize("change", [lambda log: log[:-1], lambda log: log + b"junk"], ids=["cut", "longer"])
+def test_nothing_is_missing_where_only_what_comes_after_the_record_is_damaged(
+    ramp: Path, tmp_path: Path, change: Callable[[bytes], bytes]
+) -> None:
+    (tmp_path / "log.mcap").write_bytes(change(ramp.read_bytes()))
+    report = recover_log(tmp_path / "log.mcap", tmp_path / "recovered.mcap")
+    assert (report.whole, report.lost) == (True, 0)
+    assert [topic.samples for topic in report.topics] == [topic.samples for topic in verify_log(ramp).topics]
 
 
 def test_a_flip_anywhere_in_a_crashed_log_is_told(ramp: Path, tmp_path: Path) -> None:

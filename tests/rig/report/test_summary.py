@@ -6,6 +6,7 @@ import pytest
 
 from daq.errors import LogError
 from daq.log.records import Event, Gap
+from daq.log.recover import recover_log
 from daq.log.writer import LogWriter
 from rig.derived.settings import RECORD, STOPPED
 from rig.pages.content import BigNumbers, Sentence, Table
@@ -132,6 +133,18 @@ def test_a_record_at_several_speeds_says_of_what_its_figures_are(tmp_path: Path)
     run = read_run(write_log(tmp_path / "run.mcap", bench={DWELLS: "40, 200 rpm, 3 s each"}))
     told = [part.text for part in summary_parts(run) if isinstance(part, Sentence)]
     assert any("several speeds (40, 200 rpm, 3 s each): figures are of all of it" in text for text in told)
+
+
+def test_what_was_recovered_says_so(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "run.mcap")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    recover_log(path, tmp_path / "recovered.mcap")
+    told = [
+        part.text
+        for part in summary_parts(read_run(tmp_path / "recovered.mcap"))
+        if isinstance(part, Sentence)
+    ]
+    assert any("a run whose log was damaged or cut: it ends in the middle" in text for text in told)
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
