@@ -153,7 +153,10 @@ def _verdict(report: LogReport, log: LogReader) -> str:
     from rig.session.run import ENDS
 
     reaches = f"{report.seconds:.4g} s"
-    if (report.recovered_from or not report.complete) and ENDS not in log.metadata.get("run", {}):
+    early = report.recovered_from or not report.complete
+    with suppress(LogError):  # of what is damaged, which is told below
+        early = early or log.stopped_ns is not None
+    if early and ENDS not in log.metadata.get("run", {}):
         with suppress(ConfigurationError):
             reaches += f" of the {parse_scenario(log.scenario).acquisition.duration:g} s asked for"
     samples = sum(topic.samples for topic in report.topics)

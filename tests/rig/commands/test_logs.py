@@ -17,7 +17,7 @@ from daq.block import SampleBlock
 from daq.channel import Channel
 from daq.log.front import read_summary
 from daq.log.reader import LogReader
-from daq.log.records import Gap
+from daq.log.records import STOPPING, Event, Gap
 from daq.log.recover import RECOVERED, recover_log, verify_log
 from daq.log.writer import LogWriter
 from rig.commands.cli import FAILED, WRONG_USE
@@ -106,6 +106,15 @@ def test_of_a_run_until_stopped_no_duration_was_asked_for(
             )
     path.write_bytes(path.read_bytes()[:-200])
     assert told in call("verify", path).out.splitlines()[-1]
+
+
+def test_of_a_run_that_was_stopped_it_is_told_what_was_asked_for(call: Call, tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "log.mcap") as writer:
+        writer.declare("measured", Channel("a", "N"))
+        writer.add_metadata("scenario", {"toml": f"{SCENARIO}{ACQUISITION}"})
+        writer.add_block("measured", block(0), START_NS)
+        writer.add_event(Event(START_NS, "warning", "rig", STOPPING, "stopping before its time"))
+    assert "0.1 s of the 7 s asked for, 100 samples: sound" in call("verify", tmp_path / "log.mcap").out
 
 
 def test_a_cut_log_exits_1_and_can_be_recovered(call: Call, tmp_path: Path) -> None:
