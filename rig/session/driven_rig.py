@@ -288,11 +288,9 @@ class DrivenRig:
             running.push(self._heed_on_the_way_down)
             running.enter_context(self._guarded())  # around the stop: it watches until that has ended
             running.callback(self._hear_out)
-            moved = "the motor" if self.motion.speed_rad_s is not None else "the drive"
+            told = self._moved, self._tell_of_failed_off
             running.enter_context(
-                drive_off_after(
-                    self, self.devices.spare, self.screen, self._supervisor, moved, self._tell_of_failed_off
-                )
+                drive_off_after(self, self.devices.spare, self.screen, self._supervisor, *told)
             )
             try:
                 yield
@@ -370,11 +368,17 @@ class DrivenRig:
         """Whether it is to stop without a ramp: by an emergency stop, or a person who has asked twice."""
         return self.emergency_stop is not None or self._stop.asked > 1
 
+    @property
+    def _moved(self) -> str:
+        return "the motor" if self.motion.speed_rad_s is not None else "the drive"
+
     def ramp_down(self) -> None:
         self._bring_to_rest(self.motion.cut if self._at_once else self.motion.ramp_down)
         self.heed_emergency_stop()
         self._rests = True
         self.logbook.tell("info", "drive.off", "drive ramped down and off")
+        if self._hangs_up:  # between the points of a series it moves again at once
+            self.screen.say(f"{self._moved} is off")
 
     def off(self) -> None:
         """The safe state, on whatever way out; before its time, `on_stopping` and the log hear of it."""
@@ -406,6 +410,7 @@ class DrivenRig:
         try:
             stopped_ns, seen = self._stopped_ns or self._stopping_ns(cause), self.emergency_stop
             text = f"stopping before its time{f' ({seen or cause})' if seen or cause else ''}"
+            self.screen.warn(text)
             if self.on_stopping is not None:
                 self.on_stopping()
                 text += ": what is recorded from here on has no prediction"

@@ -35,6 +35,7 @@ def test_a_run_with_other_values_until_enter_for_another_program(tmp_path: Path)
     assert path.parent == tmp_path
     assert Path(answer["report"]).is_file()
     assert "Enter ends the record, at the latest after " in ended.err
+    assert "the drive is off\n" in ended.err
     assert 0.05 < answer["duration_s"] < 1.0
     assert list(answer["channels"]) == list(CHANNELS)
     assert answer["channels"]["drive.force"]["unit"] == "N"

@@ -52,6 +52,8 @@ def test_a_stop_leaves_the_rig_safe_and_the_log_closed(
     assert ended.code == 130
     assert time.monotonic() - asked_s < STOPPED_WITHIN_S
     assert ended.err.strip().splitlines()[-1] == "rattle: stopped by a person; the drive is off"
+    if moment == "recording":  # said at once, while it comes to rest
+        assert "! stopping before its time (stopped by a person)" in ended.out
     bench.spy.await_off()
     await_gone(children)
     with LogReader(ended.log) as log:
