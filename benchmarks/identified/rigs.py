@@ -55,7 +55,7 @@ FARTHEST: Final = 3.0
 FARTHEST_DAMPED: Final = 0.75
 """The same of a contact's damping, 4.5 times either way: what the truth engines' steps follow with an effect
 of up to twenty times more in it."""
-SETS: Final = {
+SET_VALUES: Final = {
     (CRANK, "restitution"): ("value", "restitution"),
     (CRANK, "joint_friction"): ("coefficient", "friction"),
     (SPATIAL, "guide_friction"): ("coefficient", "friction"),
@@ -303,7 +303,7 @@ def diagnose_effect(case: Case) -> None:
 def lies_off(effect: EffectEntry, rig: str, own: Mapping[str, float]) -> bool:
     """Whether an effect that sets a value of [model] sets another one than the rig's `own`."""
     given: Any = effect["parameters"]
-    parameter, key = SETS.get((rig, str(effect["name"])), ("", ""))
+    parameter, key = SET_VALUES.get((rig, str(effect["name"])), ("", ""))
     return not key or bool(abs(given[parameter] - own[key]) >= APART[key])
 
 

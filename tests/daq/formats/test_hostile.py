@@ -198,6 +198,15 @@ def test_what_claims_more_than_it_holds_is_refused(
         read(path, scratch)
 
 
+def test_a_text_by_the_name_of_arrays_is_refused_without_advice_to_trust_it(
+    tmp_path: Path, scratch: Scratch
+) -> None:
+    path = tmp_path / "text.npz"
+    path.write_text("hello")
+    with pytest.raises(LogError, match="neither an array of NumPy nor a"):
+        read(path, scratch)
+
+
 def test_universal_files_of_many_datasets_take_no_more_than_their_size(
     tmp_path: Path, scratch: Scratch
 ) -> None:

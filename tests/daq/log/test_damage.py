@@ -172,6 +172,18 @@ def test_a_channel_of_which_nothing_is_left_is_named(tmp_path: Path, crashed: bo
     assert (("slow", 0, BLOCK, LOST) in gaps) != crashed
 
 
+def test_verifying_reads_on_behind_a_damaged_chunk(ramp: Path, tmp_path: Path) -> None:
+    content = bytearray(ramp.read_bytes())
+    begin, end = chunks_of(ramp)[0]
+    content[(begin + end) // 2] ^= 0x80
+    (tmp_path / "log.mcap").write_bytes(content)
+    report, whole = verify_log(tmp_path / "log.mcap"), verify_log(ramp)
+    assert (report.sound, report.seconds) == (False, whole.seconds)
+    assert "a chunk is damaged" in report.damage
+    there, every = (sum(topic.samples for topic in each.topics) for each in (report, whole))
+    assert 0 < there < every
+
+
 def test_what_lay_at_the_end_of_a_finished_log_is_counted(ramp: Path, tmp_path: Path) -> None:
     content = bytearray(ramp.read_bytes())
     begin, end = chunks_of(ramp)[-1]

@@ -170,6 +170,14 @@ def test_recovery_that_lacks_samples_exits_3_and_says_how_many(call: Call, tmp_p
     assert (verified["sound"], there + int(lost), int(lost) > 0) == (True, 6000, True)
 
 
+def test_the_verdict_comes_also_where_the_ledger_is_damaged(call: Call, tmp_path: Path) -> None:
+    path = damaged_at_the_end(tmp_path / "log.mcap", -20, 0xAA)
+    path.write_bytes(path.read_bytes()[:-500])  # no index says that the ledger lies elsewhere
+    answer = call("verify", path)
+    assert (answer.code, answer.err) == (1, "")
+    assert answer.out.splitlines()[-1].startswith(f"{path}: ")
+
+
 def test_recovery_that_lacks_samples_exits_3_also_where_nothing_had_a_checksum(
     call: Call, tmp_path: Path
 ) -> None:
