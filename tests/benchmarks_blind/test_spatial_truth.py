@@ -386,7 +386,7 @@ def test_recordings_lie_among_the_twins_and_effects_apart_from_them(tmp_path: Pa
         write_log(log, record(point, effects, number, 1), scenario_text("run", point), "run", 0)
         return read_features(log, scenario, "measured", names)
 
-    wide, names = effect("guide_clearance", scale=2.0), list(healthy().channels)
+    wide, names = effect("guide_clearance", scale=2.5), list(healthy().channels)
     # one rig in ten touches the guide where slider.force_2 and slider.force_6 are
     nominal, true = (ensemble(scenario, effects, range(1000, 1030), names) for effects in ([], wide))
     healthy_run, groups = table([], 1)
@@ -395,8 +395,7 @@ def test_recordings_lie_among_the_twins_and_effects_apart_from_them(tmp_path: Pa
     assert Floor(nominal, groups).gap(healthy_run, nominal) < 1.4
     floor = Floor(true, groups)
     assert floor.gap(hidden_run, true) < 1.4
-    # of six rigs 1.7 to 2.0 times as far
-    assert floor.gap(hidden_run, nominal) > 1.5 * floor.gap(hidden_run, true)
+    assert floor.gap(hidden_run, nominal) > 2 * floor.gap(hidden_run, true)
 
 
 def test_truth_does_not_know_the_twin() -> None:
