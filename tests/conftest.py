@@ -34,6 +34,7 @@ _ALONE = (
     "rig/session/test_hung_ends.py",
     "rig/session/test_hung_motor.py",
     "rig/session/test_supervisor.py",
+    "rig/live/test_cranks_in_viewer.py",
     "rig/live/test_live_view.py",
     "rig/live/test_sender.py",
     "rig/ensembles",

@@ -36,7 +36,8 @@ class Ended:
     @property
     def goes_on(self) -> psutil.Process:
         """What goes on switching off a drive that did not answer, and says so."""
-        said = re.search(r"MAY STILL BE ON: switch it off by hand\n! process (\d+) goes on", self.out)
+        why = r"(?:! stopping before its time .*\n)?"  # told beside it
+        said = re.search(rf"MAY STILL BE ON: switch it off by hand\n{why}! process (\d+) goes on", self.out)
         assert said is not None, self.out
         return psutil.Process(int(said[1]))
 

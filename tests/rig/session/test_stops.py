@@ -37,6 +37,7 @@ from rig.session.run import RunRequest, run_scenario
 from rig.session.signals import Stopped
 from rig.session.supervisor import SupervisorTripped
 from rig.stream import Record
+from tests.accounting import made_up
 from tests.rig.session.fakes import RATE, RecordingGenerator, SteppedCard, silent_screen
 from tests.rig.session.shafts import FakeDrive, SteppedClock
 from tests.rig.session.test_progress import Known
@@ -154,7 +155,7 @@ class Rig:
     def __init__(self, text: str, folder: Path) -> None:
         self.scenario: Scenario = parse_scenario(text, "stopped")
         self.bench = embedded_bench(self.scenario.rig)
-        self.folder = folder
+        self.folder = made_up(folder)
         self.opening: Callable[[], None] = lambda: None
         units = {channel.name: channel.unit for channel in self.bench.daq_card.channels}
         self.generator, self.drive = RecordingGenerator(), FakeDrive(SteppedClock(), stuck=True)
