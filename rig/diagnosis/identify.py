@@ -41,15 +41,15 @@ from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import Cell, NarrowColumns
 from sim_twin.diagnosis.gap import gap_measure
 from sim_twin.diagnosis.identification import (
-    MOST_ROUNDS,
     Known,
     Round,
+    Rounds,
     Wide,
     after_one_more,
     draws_of,
     fitted_rounds,
     nothing_known,
-    rigs_of_a_round,
+    rounds_of,
 )
 from sim_twin.diagnosis.subject import Draw, Execute, Observed
 from sim_twin.healthy import Matched, MatchedTwin
@@ -223,6 +223,8 @@ class Kept:
         write_whole(self._file(draws), content.getvalue())
 
 
+_SEARCH_S, _CORES = 200.0, 2
+"""Rated seconds of so many cores for the rounds, of the five minutes that all of it is to take."""
 _HEALTHY = 48
 _FEWEST = 8
 _CHATTERS_FROM = 25.0
@@ -306,7 +308,7 @@ def last_of(rounds: Iterable[Round], names: Sequence[str], screen: Screen) -> Ro
             f"round {number}: {each.rigs} rigs, {sum(told)} of {len(wides)} values told; "
             f"moved by {each.moved[far]:.2g} deviations at most ({wides[far].name})"
         )
-        if not each.converged and number < MOST_ROUNDS:
+        if not each.last:
             require_one_rig(names, each.apart)
         if number == 1:
             if each.known.as_open_as_before():
@@ -342,8 +344,8 @@ def identify(
 
     Raises RattleError where time ran out, nothing is told, or the runs are of no such rig, or of several.
     """
-    rigs = rigs_of_a_round(len(wides))
-    total = MOST_ROUNDS * rigs + len(wides) + 1
+    planned = _planned(campaign, len(wides))
+    total = planned.most * planned.rigs + len(wides) + 1
     work = work_of("identify", campaign, [1] * total)
     deadline = time.monotonic() + budget_s
     with screen.bar("simulating", total, "rigs at most", work) as bar, worker_processes(cores()) as workers:
@@ -362,7 +364,7 @@ def identify(
         require_alike(seen, layout, partial(_shown, kept(campaign, report=False), compared), seed)
         with threadpool_limits(1, user_api="blas"):  # the order of its sums changes last bits
             rng = np.random.default_rng(seed)
-            rounds = fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told)
+            rounds = fitted_rounds(campaign, wides, data.measured, simulate, rng, data.told, planned)
             found = last_of(rounds, [path.name for path in data.paths], screen)
         known = found.known
         if not any(known.told()):
@@ -388,7 +390,7 @@ def identify(
                 "something else is missing or wrong: nothing was written. rattle diagnose may tell what"
             )
         require_one_rig([path.name for path in data.paths], found.apart, gap)
-        known = known.widened(max(1.0, gap) * np.hypot(1.0, found.moved))
+        known = known.widened(max(1.0, gap) * np.hypot(1.0, found.unrest))
         if not any(known.told()):
             raise _nothing_told(known)
         more = None
@@ -397,6 +399,12 @@ def identify(
             more = _next_run(data, known, kept, np.random.default_rng([seed, 1]))
     of_runs = zip([path.name for path in data.paths], gaps, strict=True)
     return Identification(known, was, gap, found.converged, more, tuple(of_runs))
+
+
+def _planned(campaign: Campaign, values: int) -> Rounds:
+    """By the rig's rated speed, so that every machine does the same."""
+    seconds = sum(run.samples(2) / run.columns.rate + run.settle for run in campaign.runs)
+    return rounds_of(values, _SEARCH_S * _CORES * campaign.runs[0].twin.model.speed / seconds)
 
 
 def _shown(

@@ -38,8 +38,8 @@ _WIDEST, _LEAST = 1.25, 1e-12
 """Deviations of the prior, than which a proposal is no wider in any direction; square of the narrowest."""
 _NEAR = 0.995
 """Share of a proposal within which earlier rigs are looked at again."""
-_FEWEST_OF_ALL, _EACH = 80, 10
-"""Rigs of a round: so many, and so many more for each value."""
+_EACH, _MORE = 10, 80
+"""Rigs of a round: so many for each value, and so many more where they can be afforded."""
 _ONE_MORE = 120
 """Rigs by which one more run is judged."""
 _FEWEST = 8
@@ -162,6 +162,9 @@ class Known:
 class Round:
     """What is known after a round of so many rigs, and how far that moved, in deviations.
 
+    `unrest` (n,) is what it moved beyond what it narrowed: what lay within wide deviations before may move by
+    many of the narrow ones. Not `last`: another round follows.
+
     `apart` (runs,): how far what a run says of the values lies from what the others say, over that of the
     simulated rig whose runs lie farthest apart. Empty of one run and, before the last round, where a run says
     what none of the simulated rigs does: how it follows the values is not known so far out.
@@ -170,8 +173,25 @@ class Round:
     rigs: int
     known: Known
     moved: Array
+    unrest: Array
     converged: bool
+    last: bool
     apart: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Rounds:
+    """How much is simulated: so many `rigs` in each of at most so many rounds."""
+
+    rigs: int
+    most: int
+
+
+def rounds_of(values: int, affordable: float = inf) -> Rounds:
+    """Those that look for so many values by about as many rigs as can be afforded; never fewer than tell."""
+    least = _EACH * values
+    most = int(np.clip(affordable / least, FEWEST_ROUNDS, MOST_ROUNDS))
+    return Rounds(int(np.clip(affordable / most, least, least + _MORE)), most)
 
 
 def nothing_known(wides: Sequence[Wide]) -> Known:
@@ -186,35 +206,39 @@ def fitted_rounds(
     simulate: Execute,
     rng: np.random.Generator,
     told: Sequence[float] = (),
+    planned: Rounds | None = None,
 ) -> Iterator[Round]:
     """Round by round what `measured` fingerprints (blocks, numbers) say of the values.
 
-    `told`: how many blocks of each run they are worth; empty: as many as there are.
+    `told`: how many blocks of each run they are worth; empty: as many as there are. Nothing `planned`: as
+    many rigs as pay.
 
     `subject` takes a draw's values as its one effect, `VALUES`. Ends where nothing moves any more, or after
     the last round; () from `simulate` (no more time) ends it as well. Raises SimulationFailed where too few
     rigs came out.
     """
-    moments = Moments(subject.layout)
+    moments, planned = Moments(subject.layout), planned or rounds_of(len(wides))
     about = known = nothing_known(wides)
     library, worth, wider = _Library(moments), moments.worth(told, len(measured)), 1.0
-    for number in range(MOST_ROUNDS):
-        places = _proposed(about, wider, rng)
+    for number in range(1, planned.most + 1):
+        places = _proposed(about, wider, planned.rigs, rng)
         observed = simulate(draws_of(known, places, rng))
         library.add(places, [each[0] if each else None for each in observed])
         cut_short = any(not each for each in observed)
-        near = library.near(about, wider)
+        near = library.near(about, wider, planned.rigs)
         # nearer by than rigs of few blocks are told apart, a fit is of their scatter
         found, about = _posteriors(about, near, moments, measured, rng, (worth, np.minimum(worth, _BLOCKS)))
-        moved = np.abs(found.mean - known.mean) / np.maximum(found.deviation, 1e-9)
+        deviation = np.maximum(found.deviation, 1e-9)
+        moved = np.abs(found.mean - known.mean) / deviation
+        may_move = np.maximum((known.deviation / deviation) ** 2 - 1, 0)
         narrowed = float(np.min(found.deviation / known.deviation))
         wider = 1.0 if narrowed < _NARROWS_FAST else _WIDER
         at_rest = moved.max() < _ONE_MOVED and narrowed > _NARROWED
-        converged = number + 1 >= FEWEST_ROUNDS and at_rest and _moved_together(known, found) < _MOVED
-        last = converged or cut_short or number + 1 == MOST_ROUNDS
+        converged = number >= FEWEST_ROUNDS and at_rest and _moved_together(known, found) < _MOVED
+        last = converged or cut_short or number == planned.most
         apart = _apart(near, moments, measured, rng, told, anywhere=last)
-        known = found
-        yield Round(len(library), known, moved, converged, apart)
+        known, unrest = found, np.sqrt(np.maximum(moved**2 - may_move, 0))
+        yield Round(len(library), known, moved, unrest, converged, last, apart)
         if last:
             return
 
@@ -224,11 +248,6 @@ def _moved_together(before: Known, now: Known) -> float:
     off = now.mean - before.mean
     told = max(float(np.sum(1 - np.minimum(np.linalg.eigvalsh(now.covariance), 1.0))), 1.0)
     return float(np.sqrt(off @ np.linalg.solve(now.covariance, off) / told))
-
-
-def rigs_of_a_round(count: int) -> int:
-    """How many rigs a round of `count` values simulates."""
-    return _FEWEST_OF_ALL + _EACH * count
 
 
 def draws_of(known: Known, places: Array, rng: np.random.Generator, blocks: int = _BLOCKS) -> list[Draw]:
@@ -244,9 +263,8 @@ def draws_of(known: Known, places: Array, rng: np.random.Generator, blocks: int 
     ]
 
 
-def _proposed(known: Known, wider: float, rng: np.random.Generator) -> Array:
-    count = len(known.wides)
-    normals = rng.standard_normal((rigs_of_a_round(count), count))
+def _proposed(known: Known, wider: float, rigs: int, rng: np.random.Generator) -> Array:
+    normals = rng.standard_normal((rigs, len(known.wides)))
     return np.asarray(np.clip(known.mean + normals @ _root(known, wider).T, -_FARTHEST, _FARTHEST))
 
 
@@ -282,15 +300,15 @@ class _Library:
                 self.places.append(place)
                 self.features.append(self._moments(blocks))
 
-    def near(self, about: Known, wider: float) -> _Near:
-        """Those that a proposal about what is known may well make; SimulationFailed where they are few."""
+    def near(self, about: Known, wider: float, rigs: int) -> _Near:
+        """Those that a proposal of `rigs` about what is known may well make; SimulationFailed where few are."""
         count = len(about.wides)
         places, root = np.array(self.places).reshape(-1, count), _root(about, wider)
         local = np.linalg.solve(root, (places - about.mean).T).T
         near = np.sum(local**2, axis=1) <= chdtri(count, 1.0 - _NEAR)
         if near.sum() < _FEWEST * count:
             raise SimulationFailed(
-                f"only {near.sum()} of {rigs_of_a_round(count)} rigs could be simulated",
+                f"only {near.sum()} of {rigs} rigs could be simulated",
                 "are the ranges of the values such as a rig can have?",
             )
         return _Near(root, local[near], np.array(self.features)[near])

@@ -48,11 +48,11 @@ def search_at_once(
     monkeypatch: pytest.MonkeyPatch,
     known: Known,
     simulate: Execute | None = None,
-    moved: float = 0.0,
+    unrest: float = 0.0,
     apart: tuple[float, ...] = (),
 ) -> None:
     """A search that ends with what is `known`; what rigs with the values found show, `simulate` says."""
-    last = Round(9, known, np.array([moved]), True, apart)
+    last = Round(9, known, np.array([unrest]), np.array([unrest]), True, True, apart)
     monkeypatch.setattr(work, "worker_processes", lambda _: nullcontext(SimpleNamespace(executor=None)))
     monkeypatch.setattr(work, "require_moves", lambda *_: None)
     monkeypatch.setattr(work, "require_alike", lambda *_: None)
@@ -132,14 +132,14 @@ def test_a_run_of_responses_is_held_against_what_was_found_too(
     assert not written_in(tmp_path)
 
 
-def test_an_interval_is_as_wide_as_its_value_moved_last(
+def test_an_interval_is_wider_by_what_its_value_moved_last_beyond_what_it_narrowed(
     call: Call, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where it came to rest."""
     widths = list[float]()
-    for moved in (0.0, 0.5):
-        path = tmp_path / f"moved_{moved}.toml"
-        search_at_once(monkeypatch, known_to(0.02), rigs_about(runs[:1], 0.0), moved)
+    for unrest in (0.0, 0.5):
+        path = tmp_path / f"unrest_{unrest}.toml"
+        search_at_once(monkeypatch, known_to(0.02), rigs_about(runs[:1], 0.0), unrest)
         assert call("identify", runs[0], "--free", KEY, "-o", path).code == 0
         found = load_model(path, "impact_beam").identified[KEY]
         widths.append(np.log(found.high / found.low))

@@ -354,7 +354,10 @@ def test_what_is_told_together_only_is_said_once_and_by_the_first_round_that_sho
     first = replace(known, covariance=np.diag([0.2, 0.7]))
     alike = replace(known, covariance=np.array([[1.0, 0.95], [0.95, 1.0]]))
     said = io.StringIO()
-    rounds = [Round(9, each, np.array([0.1, 0.2]), converged=False) for each in (first, alike, alike)]
+    rounds = [
+        Round(9, each, np.array([0.1, 0.2]), np.zeros(2), converged=False, last=False)
+        for each in (first, alike, alike)
+    ]
     assert last_of(rounds, ["run.mcap"], Screen(Terminal(file=said, width=200))) is rounds[-1]
     lines = [line for line in said.getvalue().splitlines() if line.strip()]
     assert [line.startswith("round") for line in lines] == [True, False, True, False, True]
@@ -368,7 +371,7 @@ def test_runs_that_tell_nothing_end_the_search_after_its_first_round() -> None:
     def rounds() -> Iterator[Round]:
         for number in range(3):
             asked.append(number)
-            yield Round(9, known, np.zeros(2), converged=False)
+            yield Round(9, known, np.zeros(2), np.zeros(2), converged=False, last=False)
 
     with pytest.raises(RattleError, match="tell none of contact_stiffness and beam_modulus: nothing was"):
         last_of(rounds(), ["run.mcap"], Screen(Terminal(file=io.StringIO(), width=200)))
@@ -381,7 +384,7 @@ def test_runs_that_ask_for_different_values_end_the_search_after_its_first_round
     quiet = Screen(Terminal(file=io.StringIO(), width=200))
 
     def rounds(*apart: float) -> Iterator[Round]:
-        yield Round(9, told, np.zeros(1), False, apart)
+        yield Round(9, told, np.zeros(1), np.zeros(1), False, False, apart)
 
     assert last_of(rounds(1.4, 1.0, 0.9), names, quiet).known is told
     with pytest.raises(
@@ -507,7 +510,7 @@ def test_time_that_runs_out_once_the_values_are_found_is_told_as_such(
     campaign = identifying([setting], [scenario], ["piston_mass"])
     wides = [wide_of(RIGS["planar_slider_crank"], "piston_mass", scenario.model, setting.twin)]
     known = replace(nothing_known(wides), covariance=0.01 * np.eye(1))
-    found = Round(9, known, np.zeros(1), converged=True)
+    found = Round(9, known, np.zeros(1), np.zeros(1), converged=True, last=True)
     monkeypatch.setattr(work, "worker_processes", lambda _: nullcontext(SimpleNamespace(executor=None)))
     monkeypatch.setattr(work, "require_moves", lambda *_: None)
     monkeypatch.setattr(work, "fitted_rounds", lambda *_: [found])

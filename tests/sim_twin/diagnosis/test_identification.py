@@ -17,11 +17,13 @@ from sim_twin.diagnosis.identification import (
     VALUES,
     Known,
     Round,
+    Rounds,
     Wide,
     after_one_more,
     draws_of,
     fitted_rounds,
     nothing_known,
+    rounds_of,
 )
 from sim_twin.diagnosis.subject import Draw, Observed
 
@@ -199,6 +201,23 @@ def test_it_ends_where_nothing_moves_any_more() -> None:
     assert all(not each.converged for each in rounds[:-1])
     assert rounds[-1].converged or len(rounds) == 7
     assert np.mean([len(looked_for(number)[0]) < 7 for number in range(RIGS)]) > 0.7
+
+
+def test_what_narrowed_may_move_by_as_much() -> None:
+    """Unrest is what is left of a move then: never more, and nothing of most moves of early rounds."""
+    moved, unrest = (
+        np.concatenate([getattr(each, what) for number in range(RIGS) for each in looked_for(number)[0][:2]])
+        for what in ("moved", "unrest")
+    )
+    assert np.all(unrest <= moved)
+    assert np.mean(unrest == 0) > 0.5 > np.mean(moved == 0)
+
+
+def test_fewer_rigs_are_looked_at_where_fewer_can_be_afforded() -> None:
+    assert rounds_of(10) == rounds_of(10, 1e6) == Rounds(180, 7)
+    assert rounds_of(10, 820.0) == Rounds(117, 7)
+    assert rounds_of(10, 590.0) == Rounds(118, 5)
+    assert rounds_of(10, 20.0) == Rounds(100, 3)
 
 
 def test_the_same_seed_tells_the_same() -> None:
