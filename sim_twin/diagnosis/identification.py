@@ -301,7 +301,7 @@ class _Library:
                 self.features.append(self._moments(blocks))
 
     def near(self, about: Known, wider: float, rigs: int) -> _Near:
-        """Those that a proposal of `rigs` about what is known may well make; SimulationFailed where few are."""
+        """Those that a proposal of `rigs` about what is known may make; SimulationFailed where few are."""
         count = len(about.wides)
         places, root = np.array(self.places).reshape(-1, count), _root(about, wider)
         local = np.linalg.solve(root, (places - about.mean).T).T
