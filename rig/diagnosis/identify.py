@@ -41,6 +41,7 @@ from sim_twin.diagnosis.campaign import Campaign, RunSetting
 from sim_twin.diagnosis.fingerprint import Cell, NarrowColumns
 from sim_twin.diagnosis.gap import gap_measure
 from sim_twin.diagnosis.identification import (
+    BLOCKS,
     Known,
     Round,
     Rounds,
@@ -223,7 +224,7 @@ class Kept:
         write_whole(self._file(draws), content.getvalue())
 
 
-_SEARCH_S, _CORES = 200.0, 2
+_SEARCH_S, _CORES = 240.0, 2
 """Rated seconds of so many cores for the rounds, of the five minutes that all of it is to take."""
 _HEALTHY = 48
 _FEWEST = 8
@@ -403,7 +404,7 @@ def identify(
 
 def _planned(campaign: Campaign, values: int) -> Rounds:
     """By the rig's rated speed, so that every machine does the same."""
-    seconds = sum(run.samples(2) / run.columns.rate + run.settle for run in campaign.runs)
+    seconds = sum(run.motion_s(BLOCKS) for run in campaign.runs)
     return rounds_of(values, _SEARCH_S * _CORES * campaign.runs[0].twin.model.speed / seconds)
 
 

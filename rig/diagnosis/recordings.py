@@ -49,9 +49,7 @@ class Lossy:
 def work_of(what: str, campaign: Campaign, draws: Iterable[int]) -> Work:
     """Work in which all runs of a campaign are simulated for draws of so many blocks each, in s of motion."""
     motion_s = sum(
-        often * (run.samples(blocks) / run.columns.rate + run.settle)
-        for blocks, often in Counter(draws).items()
-        for run in campaign.runs
+        often * run.motion_s(blocks) for blocks, often in Counter(draws).items() for run in campaign.runs
     )
     return Work(f"{what} {campaign.runs[0].twin.model.name} on {cores()}", motion_s)
 

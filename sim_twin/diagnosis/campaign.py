@@ -57,6 +57,10 @@ class RunSetting:
         period = self.columns.rate / self.columns.frequency
         return ceil((self.cycles * blocks + 2.6) * period + 2 * self._guard)
 
+    def motion_s(self, blocks: int) -> float:
+        """Seconds that have to be simulated for so many blocks, those in which it settles among them."""
+        return self.samples(blocks) / self.columns.rate + self.settle
+
     @property
     def settle(self) -> float:
         """Seconds that a simulated motion has to forget its start."""

@@ -81,7 +81,7 @@ class Effort:
 
 def effort_for(campaign: Campaign, budget_s: float) -> Effort:
     """What fits into `budget_s` seconds of two cores by the rig's rated speed; the same on every machine."""
-    seconds = [run.samples(1) / run.columns.rate + run.settle for run in campaign.runs]
+    seconds = [run.motion_s(1) for run in campaign.runs]
     rated = campaign.runs[0].twin.model.speed
 
     def planned(seconds: float) -> tuple[int, int]:

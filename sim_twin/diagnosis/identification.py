@@ -26,7 +26,8 @@ from sim_twin.diagnosis.subject import Draw, Execute, Subject
 Array = NDArray[np.float64]
 VALUES = "model"
 """The one effect of a draw: its parameters are the values."""
-_BLOCKS = 2
+BLOCKS = 2
+"""That each run of a rig is simulated for, by which its own scatter is told."""
 _FARTHEST = 5.0
 """Deviations of the prior."""
 _WIDER, _NARROWS_FAST = 1.5, 0.4
@@ -227,7 +228,7 @@ def fitted_rounds(
         cut_short = any(not each for each in observed)
         near = library.near(about, wider, planned.rigs)
         # nearer by than rigs of few blocks are told apart, a fit is of their scatter
-        found, about = _posteriors(about, near, moments, measured, rng, (worth, np.minimum(worth, _BLOCKS)))
+        found, about = _posteriors(about, near, moments, measured, rng, (worth, np.minimum(worth, BLOCKS)))
         deviation = np.maximum(found.deviation, 1e-9)
         moved = np.abs(found.mean - known.mean) / deviation
         may_move = np.maximum((known.deviation / deviation) ** 2 - 1, 0)
@@ -250,7 +251,7 @@ def _moved_together(before: Known, now: Known) -> float:
     return float(np.sqrt(off @ np.linalg.solve(now.covariance, off) / told))
 
 
-def draws_of(known: Known, places: Array, rng: np.random.Generator, blocks: int = _BLOCKS) -> list[Draw]:
+def draws_of(known: Known, places: Array, rng: np.random.Generator, blocks: int = BLOCKS) -> list[Draw]:
     """Rigs with the values at `places` (rigs, n), otherwise healthy."""
     names = [wide.name for wide in known.wides]
     return [
@@ -362,7 +363,7 @@ def _apart(
         own = moments.runs == run
         following = followed(near.local, near.features[..., own], moments.of_run(run), rng)
         healthy, response = (
-            following.response(each) for each in (np.full(own.sum(), float(_BLOCKS)), worth[own])
+            following.response(each) for each in (np.full(own.sum(), float(BLOCKS)), worth[own])
         )
         place = following.summary(seen[..., own])[None] - response.centre
         if not anywhere and response.misfit(place)[0] > healthy.misfit(healthy.of_rigs).max():
@@ -405,6 +406,6 @@ def after_one_more(subject: Subject, known: Known, simulate: Execute, rng: np.ra
         raise SimulationFailed("hardly any rig could be simulated at that setting", "try another")
     moments = Moments(subject.layout)
     following = followed(np.array(library.places), np.array(library.features), moments, rng)
-    response = following.response(moments.worth((), _BLOCKS))
+    response = following.response(moments.worth((), BLOCKS))
     covariance = np.linalg.inv(response.slope.T @ response.precision @ response.slope + np.eye(len(root)))
     return np.asarray(np.sqrt(np.diag(root @ covariance @ root.T)))
